@@ -8,10 +8,10 @@ This file is all that it takes: what a patch says, what the simulated arm feels,
 from __future__ import annotations
 
 import numpy as np
-from sim2real.effects.behaviour import Resistance, Values
+from sim2real.effects.effect import Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity
-from sim2real.effects.signature import Parameter, Signature
+from sim2real.effects.hooks import HookContext, ResistanceFunction
+from sim2real.effects.regressor import EffectRegressor, Parameter
 from sim2real.effects.stage import Stage
 
 from np_control.kinematics import jacobian
@@ -25,12 +25,12 @@ def _levers(q: np.ndarray) -> np.ndarray:
     return np.swapaxes(jacobian(q)[..., :3, :], -1, -2)
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     if context.arm.joints != JOINT_NAMES:
         return []  # of another arm we have no kinematics
     levers = _levers(context.samples.position)
     return [
-        Signature(
+        EffectRegressor(
             "steady_pull",
             tuple(Parameter(f.name, f.unit, f.lower, f.upper, 2.0) for f in FORCES),
             {Stage.DYNAMICS: lambda c, j: -levers[:, j]},  # the drives give what the pull does not
@@ -40,7 +40,7 @@ def _signatures(context: Context) -> list[Signature]:
     ]
 
 
-def _pull(values: Values) -> Resistance:
+def _pull(values: HookContext) -> ResistanceFunction:
     force = np.stack([values(f.name)[..., 0] for f in FORCES], axis=-1)  # of the arm: the same at every joint
 
     def resist(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
@@ -50,14 +50,14 @@ def _pull(values: Values) -> Resistance:
     return resist
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "steady_pull",
-    Place.ARM,
+    Target.ARM,
     FORCES,
-    _signatures,
+    _regressors,
     joints=_pull,
     numpy_only=True,
-    text={
+    catalogue_row={
         "module": "rigid_body",
         "model": "tau = J(q)^T F, F constant in the base frame",
         "panda_magnitude": "1-10 N: hoses, a balancer (prior)",

@@ -12,7 +12,7 @@ from sim2real.checks.omnibus import LackOfFit, omnibus_test
 from sim2real.checks.shrinkage import Gap, measure
 from sim2real.checks.unexplained import find_unexplained_joints
 from sim2real.effects.evidence import Context
-from sim2real.effects.sensing.encoder_quantisation import quantised
+from sim2real.effects.sensing.encoder_quantisation import quantisation_regressor
 from sim2real.finding import Finding
 from sim2real.inference.context import make_context
 from sim2real.inference.design import Design, make_design
@@ -196,7 +196,9 @@ def _steps(design: Design) -> list[Finding]:
         half = VERDICT.quantum_error * step
         values = {"step": Estimate(float(step), float(step - half), float(step + half), "rad")}
         energy = float(np.square(context.drive.stiffness[:, j].mean() * step) / 12) if context.drive else 0.0
-        found.append(Finding(quantised(step), context.arm.joints[j], 1.0, values, 0.0, (), True, max(energy, 1e-9)))
+        found.append(
+            Finding(quantisation_regressor(step), context.arm.joints[j], 1.0, values, 0.0, (), True, max(energy, 1e-9))
+        )
     return found
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim2real.effects.signature import Signature
+from sim2real.effects.regressor import EffectRegressor
 from sim2real.inference.estimates import Estimate
 from sim2real.thresholds import THRESHOLDS
 
@@ -15,7 +15,7 @@ VERDICT = THRESHOLDS.verdict
 class Finding:
     """An effect that the chosen model holds (`is_chosen`), or that another probable model holds instead."""
 
-    effect: Signature
+    effect: EffectRegressor
     """The effect, its nonlinear parameter refined."""
     component: str
     """A joint's name, or "arm"."""

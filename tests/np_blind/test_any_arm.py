@@ -9,7 +9,7 @@ from sim2real.arm import link_errors, rigid
 from sim2real.arm.model import panda
 from sim2real.arm.stages import drive
 from sim2real.diagnosis import explain_gap
-from sim2real.effects.registry import all_signatures
+from sim2real.effects.registry import make_regressors
 from sim2real.effects.stage import Stage
 from sim2real.effects.timing.packet_loss import _share
 from sim2real.effects.transmission.backlash import LEAST_REACH, _reach
@@ -194,7 +194,7 @@ def test_a_twist_that_follows_the_angle_is_no_play(log):
     motor = log.position + 1e-5 * np.random.default_rng(1).normal(size=log.position.shape)
     motor[:, 4] += 2e-3 * np.sin(log.position[:, 4] + 1.0)
     context = make_context([replace(log, motor=motor)], ARM)
-    plays = [e for e in all_signatures(context) if e.id == "backlash" and e.only_joint == 4]
+    plays = [e for e in make_regressors(context) if e.id == "backlash" and e.only_joint == 4]
     assert not plays and _reach(context, 4)[1] > LEAST_REACH
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.effects.saying import Value
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.report.task_sentences import check_schema, document
 from sim2real.task.diagnosis import TaskRecordings, diagnose_task
 from sim2real.task.object_motion import patch_check as motion
@@ -63,7 +63,7 @@ def test_without_a_suite_nothing_is_withheld():
 
 
 def test_what_is_withheld_is_said_and_is_no_effect_of_the_answer():
-    kept = CheckedPatch(Patch((ASIDE,)), {"gripper_friction": Value(-0.5, -0.9, -0.1)})
+    kept = CheckedPatch(Patch((ASIDE,)), {"gripper_friction": ValueWithInterval(-0.5, -0.9, -0.1)})
     told = document(diagnose_task(TaskRecordings((), (), ())), [], kept)
     check_schema(told)
     assert [one["effect"] for one in told["effects"]] == ["camera_extrinsics"]

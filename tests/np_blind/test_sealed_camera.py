@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.effects.view_effects import ViewEffects
 from sim2real.excitation.contact_suite.tip import BEYOND
 from sim2real.excitation.contact_suite.tip_path import Leg, make_segment
 
@@ -39,7 +39,7 @@ def filmed(quirks=Quirks(), gap=Patch(), strange=Strange(), seconds=1.5, way=(0.
 
 
 def seen_at(times, way=(0.15, 0.0), gap=Patch()):
-    camera = ViewEffects(gap).camera
+    camera = CameraEffects(gap).camera
     return np.array([camera.project(box_keypoints(HALF, pose(t, way).position, FLAT))[0] for t in times])
 
 

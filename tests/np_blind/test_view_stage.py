@@ -8,8 +8,8 @@ import pytest
 import yaml
 from bags import record_episode
 from sim2real.cli import diagnose_task as command
+from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import load_patch
-from sim2real.effects.view_effects import ViewEffects
 from sim2real.recordings.reading import ContractViolation
 from sim2real.report.camera_sentences import document
 from sim2real.task.camera.diagnosis import diagnose_camera
@@ -231,7 +231,7 @@ def test_a_patch_of_what_is_found_puts_corners_where_they_are_seen(tmp_path):
     assert [e.effect for e in patch.effects] == ["camera_extrinsics"]
     pose = sample_pose(BUMP, BUMP.start, np.random.default_rng(1))
     corners = box_keypoints(np.asarray(BUMP.half_size), pose.position, pose.quaternion)
-    shown = ViewEffects(patch).keypoints(lambda times: np.repeat(corners[None], len(times), axis=0), 10**9)
+    shown = CameraEffects(patch).keypoints(lambda times: np.repeat(corners[None], len(times), axis=0), 10**9)
     off = np.linalg.norm(shown - pixels(truth, corners), axis=1)
     assert off.max() < 0.7 and np.linalg.norm(CAMERA.project(corners)[0] - shown, axis=1).min() > 5
 

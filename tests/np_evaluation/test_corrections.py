@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from sim2real.effects.arm_effects import ArmEffects
+from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.effects.view_effects import ViewEffects
 
 from np_control.dynamics import Dynamics
 from np_description.camera import CAMERA
@@ -37,7 +37,7 @@ def test_corners_are_where_the_believed_camera_would_show_them(name):
     domain = find_domain(name)
     for number in range(5):
         pose, _ = sample_task(domain, np.random.default_rng(number))
-        true = project_keypoints(domain, pose, ViewEffects(Patch((MOVED,))).camera)
+        true = project_keypoints(domain, pose, CameraEffects(Patch((MOVED,))).camera)
         wanted = project_keypoints(domain, pose)
         view = CorrectedView(corrections(Patch((MOVED,))), domain)
         assert np.abs(true - wanted)[:, :2].max() > 3.0  # px, that were wrong

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sim2real.effects import SCENE_RECORDS
+from sim2real.effects import SCENE_EFFECTS
 from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
 from sim2real.excitation.contact_suite.contact_motions import DEEPER, SLOW, touch
 from sim2real.excitation.contact_suite.monitor import OutOfPicture, SuiteMonitor
@@ -35,7 +35,7 @@ WEIGHT = BELIEVED.mass * 9.81
 
 
 def scene(effect, **parameters):
-    return Patch((PatchEffect(effect, str(SCENE_RECORDS[effect].part), parameters),))
+    return Patch((PatchEffect(effect, str(SCENE_EFFECTS[effect].target), parameters),))
 
 
 def plans(only=()):

@@ -6,11 +6,11 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim2real.effects import VIEW_RECORDS
+from sim2real.effects import CAMERA_EFFECTS
+from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.catalogue import ROW
 from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
-from sim2real.effects.saying import Value, fields, say
-from sim2real.effects.view_effects import ViewEffects
+from sim2real.effects.sentences import ValueWithInterval, describe_effect, template_fields
 
 from np_description.camera import CAMERA
 from np_description.domains import CARD, Pose, sample_task
@@ -18,14 +18,14 @@ from np_description.keypoints import box_keypoints
 from np_perception.seen_corners import SeenCorners
 from np_sim_bridge.view import View
 
-every = pytest.mark.parametrize("record", VIEW_RECORDS.values(), ids=list(VIEW_RECORDS))
+every = pytest.mark.parametrize("record", CAMERA_EFFECTS.values(), ids=list(CAMERA_EFFECTS))
 HALF_SIZE = np.asarray(CARD.half_size)
 PERIOD = 33_000_000  # ns
 SPEED = 0.2  # m/s to the camera's right
 
 
 def patch_of(effect, **parameters):
-    return Patch((PatchEffect(effect, str(VIEW_RECORDS[effect].part), parameters),))
+    return Patch((PatchEffect(effect, str(CAMERA_EFFECTS[effect].target), parameters),))
 
 
 def resting(times):
@@ -48,19 +48,22 @@ def seen(view, corners_at, count=5):
 
 @every
 def test_a_record_is_complete(record):
-    assert set(ROW) <= set(record.entry) and record.module == record.part and record.carriers
-    assert record.seen.limit > 0 and record.seen.largest > 1
+    assert set(ROW) <= set(record.entry) and record.module == record.target and record.supported_in
+    assert record.detection_limit.limit > 0 and record.detection_limit.largest > 1
     for q in record.quantities:
         assert q.lower < q.upper and q.lower <= 0 <= q.upper and q.unit
-    assert fields(record.said) == {q.name for q in record.quantities}
-    assert say(
-        record, str(record.part), {q.name: Value(0.01, 0.009, 0.011) for q in record.quantities}, "the simulator"
+    assert template_fields(record.sentence_template) == {q.name for q in record.quantities}
+    assert describe_effect(
+        record,
+        str(record.target),
+        {q.name: ValueWithInterval(0.01, 0.009, 0.011) for q in record.quantities},
+        "the simulator",
     )
 
 
 @every
 def test_nothing_of_an_effect_does_nothing(record):
-    view = ViewEffects(patch_of(record.id, **{q.name: 0.0 for q in record.quantities}))
+    view = CameraEffects(patch_of(record.id, **{q.name: 0.0 for q in record.quantities}))
     for n, found in enumerate(seen(view, moving)):
         assert np.allclose(found, truth(moving, n * PERIOD * 1e-9), atol=1e-9)
     assert view.oldest == 0.0
@@ -69,9 +72,9 @@ def test_nothing_of_an_effect_does_nothing(record):
 @every
 def test_some_of_it_does_something_and_the_same_image_has_the_same_keypoints(record):
     patch = patch_of(record.id, **{q.name: 0.6 * q.upper for q in record.quantities})
-    found, again = (seen(ViewEffects(patch, seed=5), moving, 12) for _ in range(2))
+    found, again = (seen(CameraEffects(patch, seed=5), moving, 12) for _ in range(2))
     assert np.array_equal(found, again)
-    view = ViewEffects(patch, seed=5)
+    view = CameraEffects(patch, seed=5)
     assert np.array_equal(view.keypoints(moving, PERIOD), view.keypoints(moving, PERIOD))
     assert np.abs(found - [truth(moving, n * PERIOD * 1e-9) for n in range(12)]).max() > 0.1
 
@@ -81,11 +84,11 @@ def test_a_patch_is_read_and_refused_by_component_and_range(record, tmp_path):
     path, q = tmp_path / "patch.yaml", record.quantities[0]
     path.write_text(dump_patch(patch_of(record.id, **{q.name: 0.5 * q.upper})))
     patch = load_patch(path)
-    assert patch.view == patch and not patch.arm.effects and patch.panda()
+    assert patch.camera == patch and not patch.arm.effects and patch.panda()
     for entry, words in (
-        ({"component": "arm", "parameters": {q.name: 0.0}}, f"expected '{record.part}' as component of {record.id}"),
+        ({"component": "arm", "parameters": {q.name: 0.0}}, f"expected '{record.target}' as component of {record.id}"),
         (
-            {"component": str(record.part), "parameters": {q.name: 2 * q.upper}},
+            {"component": str(record.target), "parameters": {q.name: 2 * q.upper}},
             f"expected {q.name} of {record.id} from",
         ),
     ):
@@ -95,16 +98,16 @@ def test_a_patch_is_read_and_refused_by_component_and_range(record, tmp_path):
 
 
 def test_an_image_is_late_by_its_latency_and_its_clock():
-    view = ViewEffects(patch_of("camera_latency", delay=0.05))
+    view = CameraEffects(patch_of("camera_latency", delay=0.05))
     assert np.allclose(view.keypoints(moving, 10 * PERIOD), truth(moving, 10 * PERIOD * 1e-9 - 0.05))
-    clock = ViewEffects(patch_of("clock_offset", offset=0.02, drift=5e-4))
+    clock = CameraEffects(patch_of("clock_offset", offset=0.02, drift=5e-4))
     assert clock.moment(100 * PERIOD) == pytest.approx(100 * PERIOD * 1e-9 * (1 - 5e-4) - 0.02)
-    early = ViewEffects(patch_of("camera_latency", delay=-0.05))  # what is to come nobody can show
+    early = CameraEffects(patch_of("camera_latency", delay=-0.05))  # what is to come nobody can show
     assert early.moment(PERIOD) == pytest.approx(PERIOD * 1e-9)
 
 
 def test_a_moved_camera_sees_the_other_way():
-    pixels = ViewEffects(patch_of("camera_extrinsics", x=0.0, y=0.01, z=0.0)).keypoints(resting, 0)
+    pixels = CameraEffects(patch_of("camera_extrinsics", x=0.0, y=0.01, z=0.0)).keypoints(resting, 0)
     assert np.allclose(pixels, CAMERA.project(resting([0.0])[0] - [0.0, 0.01, 0.0])[0])
 
 
@@ -112,7 +115,7 @@ def test_a_moved_camera_sees_the_other_way():
 @given(st.tuples(*(st.floats(-0.3, 0.3),) * 2, *(st.floats(-0.02, 0.02),) * 2))
 def test_distortion_is_opencvs(coefficients):
     k1, k2, p1, p2 = coefficients
-    view = ViewEffects(patch_of("lens_distortion", k1=k1, k2=k2, p1=p1, p2=p2))
+    view = CameraEffects(patch_of("lens_distortion", k1=k1, k2=k2, p1=p1, p2=p2))
     points = resting([0.0])[0]
     rotation = np.asarray(CAMERA.rotation).T
     expected, _ = cv2.projectPoints(
@@ -129,9 +132,9 @@ def test_distortion_is_opencvs(coefficients):
 
 def test_rows_are_of_their_own_moments_and_an_exposure_is_seen_late_by_half():
     time, late = 10 * PERIOD * 1e-9, 0.04
-    blurred = ViewEffects(patch_of("exposure_blur", duration=late)).keypoints(moving, 10 * PERIOD)
+    blurred = CameraEffects(patch_of("exposure_blur", duration=late)).keypoints(moving, 10 * PERIOD)
     assert np.allclose(blurred, truth(moving, time - late / 2), atol=0.05)
-    rolled = ViewEffects(patch_of("rolling_shutter", duration=late)).keypoints(moving, 10 * PERIOD)
+    rolled = CameraEffects(patch_of("rolling_shutter", duration=late)).keypoints(moving, 10 * PERIOD)
     share = (rolled[:, 1] - (CAMERA.height - 1) / 2) / CAMERA.height
     assert np.ptp(share) > 0.01
     for corner in range(8):
@@ -139,14 +142,14 @@ def test_rows_are_of_their_own_moments_and_an_exposure_is_seen_late_by_half():
 
 
 def test_repeated_images_come_as_often_as_said():
-    view = ViewEffects(patch_of("frame_drop", share=0.3), seed=1)
+    view = CameraEffects(patch_of("frame_drop", share=0.3), seed=1)
     found = seen(view, moving, 1000)
     repeated = np.all(found[1:] == found[:-1], axis=(1, 2)).mean()
     assert 0.25 < repeated < 0.35
 
 
 def test_noise_has_its_spread_and_its_memory():
-    view = ViewEffects(patch_of("keypoint_noise", spread=1.5, memory=0.8), seed=2)
+    view = CameraEffects(patch_of("keypoint_noise", spread=1.5, memory=0.8), seed=2)
     error = seen(view, resting, 3000) - truth(resting, 0.0)
     assert error.std() == pytest.approx(1.5, rel=0.05)
     assert np.mean(error[1:] * error[:-1]) / error.var() == pytest.approx(0.8, abs=0.03)
@@ -165,29 +168,29 @@ def test_corners_between_two_poses_and_after_a_leap():
 
 def test_a_picture_goes_through_the_lens_as_its_corners_do():
     patch = Patch((*patch_of("lens_distortion", k1=-0.4).effects, *patch_of("camera_intrinsics", focal=0.03).effects))
-    effects = ViewEffects(patch)
+    effects = CameraEffects(patch)
     view, spot = View(effects), np.array([60, 40])
     picture = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
     cv2.circle(picture, spot.tolist(), 4, (255, 255, 255), -1)
     shown = view.through_lens(picture)[..., 0].astype(float)
     centre = np.array([(shown * axis).sum() / shown.sum() for axis in np.meshgrid(*map(np.arange, shown.shape))])
     assert np.allclose(centre, effects.lens(spot.astype(float)), atol=0.2)
-    plain = View(ViewEffects(Patch()))
+    plain = View(CameraEffects(Patch()))
     assert plain.through_lens(picture) is picture
 
 
 def test_a_late_picture_is_of_the_scene_before_and_a_repeated_one_of_the_last():
-    late = View(ViewEffects(patch_of("camera_latency", delay=0.01)))
+    late = View(CameraEffects(patch_of("camera_latency", delay=0.01)))
     for n in range(20):
         late.keep(2_000_000 * n, lambda n=n: np.array([n]))
     assert late.scene(2_000_000 * 19, lambda: None) == [14]
     late.begin()
     late.keep(40_000_000, lambda: np.array([99]))
     assert late.scene(40_000_000, lambda: None) == [99]  # nothing is known of before
-    repeating = View(ViewEffects(patch_of("frame_drop", share=0.9), seed=3))
+    repeating = View(CameraEffects(patch_of("frame_drop", share=0.9), seed=3))
     shown = []
     for n in range(60):
         repeating.keep(PERIOD * n, lambda n=n: np.array([n]))
         shown.append(int(repeating.scene(PERIOD * n, lambda: None)[0]))
     assert shown[0] == 0 and shown == sorted(shown) and 2 < len(set(shown)) < 30
-    assert View(ViewEffects(Patch())).scene(0, lambda: "now") == "now"
+    assert View(CameraEffects(Patch())).scene(0, lambda: "now") == "now"

@@ -7,12 +7,12 @@ import sys
 import numpy as np
 import pytest
 import torch
-from sim2real.effects import RECORDS
+from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.arm_effects import ArmEffects
+from sim2real.effects.camera_effects import CameraEffects
+from sim2real.effects.effect import Target
+from sim2real.effects.gravity import GravityTorque
 from sim2real.effects.patch import Patch, PatchEffect, dump_patch
-from sim2real.effects.record import Place
-from sim2real.effects.view_effects import ViewEffects
-from sim2real.effects.weight import Hold
 
 from np_description.camera import CAMERA
 from np_description.domains import CARD, WALL
@@ -84,8 +84,8 @@ def test_link_inertia_reaches_the_model():
 
 def one_of(effect: str) -> PatchEffect:
     """The effect at a joint, or the arm, with each of its quantities a tenth up its range (of delays: some periods)."""
-    record = RECORDS[effect]
-    component = "arm" if record.place is Place.ARM else "panda_joint4"
+    record = ARM_EFFECTS[effect]
+    component = "arm" if record.target is Target.ARM else "panda_joint4"
     return PatchEffect(effect, component, {q.name: _a_tenth(q) for q in record.quantities})
 
 
@@ -97,12 +97,12 @@ def _a_tenth(quantity) -> float:
     return quantity.lower + 0.55 * (quantity.upper - quantity.lower) if quantity.lower < 0 else 0.1 * quantity.upper
 
 
-@pytest.mark.parametrize("effect", [name for name in CARRIED if name in RECORDS])
+@pytest.mark.parametrize("effect", [name for name in CARRIED if name in ARM_EFFECTS])
 def test_an_effect_does_in_all_worlds_what_it_does_in_one_arm(effect):
     patch, rng = Patch((one_of(effect),)), np.random.default_rng(3)
     batched = batched_effects(patch, 0.002, "cpu")
     if batched is None:
-        assert RECORDS[effect].panda is not None
+        assert ARM_EFFECTS[effect].modify_rigid_body is not None
         return
     arms = [ArmEffects(patch, 0.002) for _ in range(3)]
     q = NOMINAL.ready + 0.3 * rng.normal(size=(3, 7))
@@ -124,7 +124,7 @@ def test_gravity_of_all_worlds_is_that_of_one():
     q = NOMINAL.ready + 0.4 * np.random.default_rng(4).normal(size=(20, 7))
     for arm, tilt in ((NOMINAL, (0.0, 0.0)), (panda, (0.02, -0.05))):
         found = BatchedHold("cpu", arm, tilt)(torch.tensor(q, dtype=torch.float32)).numpy()
-        np.testing.assert_allclose(found, Hold(arm, tilt)(q), atol=2e-4)
+        np.testing.assert_allclose(found, GravityTorque(arm, tilt)(q), atol=2e-4)
 
 
 def test_an_arm_with_a_payload_sags_by_what_its_stiffness_leaves():
@@ -164,10 +164,10 @@ def test_policies_see_what_the_sensors_say():
     assert np.abs(np.delete(off, 3, axis=1)).max() < 1e-6
 
 
-@pytest.mark.parametrize("effect", sorted(set(RECORDS) - set(CARRIED)))
+@pytest.mark.parametrize("effect", sorted(set(ARM_EFFECTS) - set(CARRIED)))
 def test_everything_else_is_refused_by_name(effect):
-    component = "arm" if RECORDS[effect].place is Place.ARM else "panda_joint3"
-    patch = Patch((*PATCH.effects, PatchEffect(effect, component, {RECORDS[effect].quantities[0].name: 0.01})))
+    component = "arm" if ARM_EFFECTS[effect].target is Target.ARM else "panda_joint3"
+    patch = Patch((*PATCH.effects, PatchEffect(effect, component, {ARM_EFFECTS[effect].quantities[0].name: 0.01})))
     with pytest.raises(ValueError, match=f"got {effect} at {component}"):
         check_carried(patch)
     with pytest.raises(ValueError, match=f"training carries {', '.join(CARRIED)}"):
@@ -238,7 +238,7 @@ class TestViewAndScene:
         )
         patch = Patch(effects)
         corners = box_keypoints(WALL.half_size, np.array([0.5, 0.1, 0.05]), np.array([1.0, 0.0, 0.0, 0.0]))
-        theirs = ViewEffects(patch).keypoints(lambda times: np.repeat(corners[None], len(times), axis=0), 0)
+        theirs = CameraEffects(patch).keypoints(lambda times: np.repeat(corners[None], len(times), axis=0), 0)
         ours = BatchedView(patch).keypoints(torch.tensor(corners)[None].float())
         assert np.allclose(ours[0], CAMERA.normalise(theirs), atol=1e-5)
         assert np.abs(theirs - CAMERA.project(corners)[0]).max() > 3

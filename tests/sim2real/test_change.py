@@ -13,8 +13,8 @@ from sim2real.arm.model import panda
 from sim2real.arm.stages import drive
 from sim2real.cli.diagnose import parse
 from sim2real.diagnosis import explain_gap
+from sim2real.effects.recurrences import bristle_deflection, bristle_state
 from sim2real.effects.stage import Stage
-from sim2real.effects.sums import bent, sliding
 from sim2real.effects.torque_loop import torque_saturation
 from sim2real.effects.transmission import backlash
 from sim2real.inference import nuisances
@@ -74,7 +74,10 @@ def test_uneven_friction_that_bends_its_bristles_further_is_one_effect(before):
     """It was an offset of the drive with presliding friction: the old bristles carry more, and all of it turns over late."""
     joint, reach, (forward, backward) = 2, 4e-3, (0.7, -0.05)
     after = record(WRONG, name="new", noise=99)
-    turned, own = bent(after.position[:, joint], reach), bent(after.position[:, joint], WRONG.breakaway)
+    turned, own = (
+        bristle_deflection(after.position[:, joint], reach),
+        bristle_deflection(after.position[:, joint], WRONG.breakaway),
+    )
     extra = forward * (turned + 1) / 2 + backward * (turned - 1) / 2 + panda().frictionloss[joint] * (turned - own)
     diagnosis = explain_gap([with_torque(after, joint, extra)], reference=[before])
     (found,) = [f for f in diagnosis.findings if f.is_chosen]
@@ -221,7 +224,7 @@ def with_motor(log, joint, twist, seed):
 
 def test_hysteresis_that_a_gear_always_had_is_no_change(before):
     def wound(load):
-        return 1e-4 * load + 1e-4 * sliding(np.diff(1e-4 * load, prepend=1e-4 * load[:1]), 2e-4)
+        return 1e-4 * load + 1e-4 * bristle_state(np.diff(1e-4 * load, prepend=1e-4 * load[:1]), 2e-4)
 
     c = context_of(*(with_motor(before, 3, wound, seed) for seed in (1, 2)))
     stages, nothing = Stages(c), np.zeros((len(c.samples.time), 0))

@@ -120,7 +120,7 @@ def test_hysteresis_shows_that_winds_up_by_less_than_the_noise_of_the_encoders(w
     motor = log.position + 1.4e-5 * np.random.default_rng(2).normal(size=log.position.shape)
     motor[:, JOINT] += found
     context = make_context([replace(log, motor=motor)], panda())
-    effect = next(e for e in transmission.RECORD.signatures(context) if e.key == "transmission_hysteresis[0.2 mrad]")
+    effect = next(e for e in transmission.EFFECT.regressors(context) if e.key == "transmission_hysteresis[0.2 mrad]")
     straight = np.column_stack([np.ones(len(context.samples)), context.transmission.load[:, JOINT]])
     y = context.transmission.twist[:, JOINT]
     squares = [

@@ -7,23 +7,23 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim2real.effects import RECORDS
+from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.arm_effects import ArmEffects
 from sim2real.effects.catalogue import ROW, catalogue, equivalence_classes
+from sim2real.effects.effect import ARM, Effect, Target
+from sim2real.effects.gravity import GravityTorque
 from sim2real.effects.patch import Patch, PatchEffect, load_patch
-from sim2real.effects.record import ARM, EffectRecord, Place
-from sim2real.effects.registry import MODULES, find_records
+from sim2real.effects.registry import MODULES, find_arm_effects
 from sim2real.effects.stage import Stage
-from sim2real.effects.weight import Hold
 
 from np_description.panda import NOMINAL
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "effects"
-every = pytest.mark.parametrize("record", RECORDS.values(), ids=list(RECORDS))
+every = pytest.mark.parametrize("record", ARM_EFFECTS.values(), ids=list(ARM_EFFECTS))
 
 
-def component(record: EffectRecord) -> str:
-    return ARM if record.place is Place.ARM else "panda_joint4"
+def component(record: Effect) -> str:
+    return ARM if record.target is Target.ARM else "panda_joint4"
 
 
 @every
@@ -32,9 +32,9 @@ def test_a_record_is_complete(record):
     assert len({q.name for q in record.quantities}) == len(record.quantities) > 0
     for q in record.quantities:
         assert q.lower < q.upper and q.lower <= 0 <= q.upper and q.unit
-    seen = record.visible
-    places = {Place.ARM: False, Place.JOINT: True, Place.LINK: True}
-    assert bool(seen.joints) is places[record.place] and seen.largest > 1
+    seen = record.detection_limit
+    places = {Target.ARM: False, Target.JOINT: True, Target.LINK: True}
+    assert bool(seen.joints) is places[record.target] and seen.largest > 1
     assert np.all(np.array(seen.limit) > 0) and np.size(seen.limit) == (7 if seen.joints else 1)
 
 
@@ -67,8 +67,8 @@ def test_what_is_out_of_range_is_refused_with_the_range(record, tmp_path):
 @settings(deadline=None, max_examples=40)
 @given(st.data())
 def test_only_what_a_simulator_can_do_changes_what_it_does(data):
-    """`carriers` is what the hooks say: an effect without any moves nothing, one with some does, at some size."""
-    record = data.draw(st.sampled_from(list(RECORDS.values())))
+    """`supported_in` is what the hooks say: an effect without any moves nothing, one with some does, at some size."""
+    record = data.draw(st.sampled_from(list(ARM_EFFECTS.values())))
     values = {q.name: data.draw(st.floats(0.4, 0.8)) * q.upper for q in record.quantities}
     patch = Patch((PatchEffect(record.id, component(record), values),))
     arm, effects, rng = patch.panda(), ArmEffects(patch, 0.002), np.random.default_rng(1)
@@ -85,12 +85,12 @@ def test_only_what_a_simulator_can_do_changes_what_it_does(data):
         sensed = effects.sense(q, dq, torque)
         changed |= not np.allclose(effects.drive(torque, q), torque) or effects.extra(q, dq).any()
         changed |= any(not np.allclose(a, b) for a, b in zip(sensed, (q, dq, torque)))
-    assert bool(changed) is record.is_simulated is ("bridge" in record.carriers)
+    assert bool(changed) is record.is_simulated is ("bridge" in record.supported_in)
     assert effects.ignored == (() if record.is_simulated else (record.id,))
 
 
 def test_a_drive_saturates_with_all_that_it_gives_or_with_the_command_alone():
-    hold = Hold()(NOMINAL.ready)
+    hold = GravityTorque()(NOMINAL.ready)
     asked = np.full(7, 30.0)
     for values, share in (({"limit": 40.0}, 1.0), ({"limit": 40.0, "gravity_apart": 1.0}, 0.0)):
         arm = ArmEffects(Patch((PatchEffect("torque_saturation", "panda_joint4", values),)), 0.002)
@@ -110,29 +110,35 @@ def test_classes_name_effects_of_the_catalogue():
 
 
 def test_an_effect_of_ones_own_is_one_file():
-    found = find_records(str(EXAMPLES))
-    assert set(found) - set(RECORDS) == {"steady_pull"}
-    assert found["steady_pull"].carriers == ("bridge", "forward", "training")
+    found = find_arm_effects(str(EXAMPLES))
+    assert set(found) - set(ARM_EFFECTS) == {"steady_pull"}
+    assert found["steady_pull"].supported_in == ("bridge", "forward", "training")
 
 
 @pytest.mark.parametrize(
     "name, text, message",
     [
-        ("other", "", "expected an sim2real.effects.record.EffectRecord called RECORD"),
+        ("other", "", "expected a sim2real.effects.effect.Effect called EFFECT"),
         (
             "other",
-            "from sim2real.effects.timing.packet_loss import RECORD\n",
-            "expected the record of 'other', once; got 'packet_loss'",
+            "from sim2real.effects.timing.packet_loss import EFFECT\n",
+            "expected the effect 'other' of the arm, once; got 'packet_loss'",
         ),
-        ("packet_loss", "from sim2real.effects.timing.packet_loss import RECORD\n", "'packet_loss', once"),
+        ("packet_loss", "from sim2real.effects.timing.packet_loss import EFFECT\n", "'packet_loss' of the arm, once"),
     ],
 )
 def test_a_file_that_is_no_effect_is_named(tmp_path, name, text, message):
     (tmp_path / f"{name}.py").write_text(text)
     with pytest.raises(ImportError, match=message):
-        find_records(str(tmp_path))
+        find_arm_effects(str(tmp_path))
+
+
+def test_the_former_name_of_an_effect_is_read(tmp_path):
+    text = (EXAMPLES / "steady_pull.py").read_text()
+    (tmp_path / "steady_pull.py").write_text(text.replace("EFFECT = ", "RECORD = "))
+    assert "steady_pull" in find_arm_effects(str(tmp_path))
 
 
 def test_a_folder_that_is_none_is_named(tmp_path):
     with pytest.raises(ImportError, match="NP_EFFECTS_PATH: expected folders .*missing"):
-        find_records(str(tmp_path / "missing"))
+        find_arm_effects(str(tmp_path / "missing"))

@@ -12,13 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim2real.arm import rigid
 from sim2real.arm.model import panda
-from sim2real.effects import RECORDS
+from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.catalogue import catalogue
-from sim2real.effects.registry import all_signatures
+from sim2real.effects.recurrences import bristle_deflection
+from sim2real.effects.registry import make_regressors
+from sim2real.effects.regressor import Parameter
 from sim2real.effects.sensing.encoder_quantisation import find_quantum
-from sim2real.effects.signature import Parameter
 from sim2real.effects.stage import Stage
-from sim2real.effects.sums import bent
 from sim2real.effects.timing.command_delay import USUAL
 from sim2real.inference import nuisances
 from sim2real.inference.arrow import Arrow, Shape
@@ -102,7 +102,7 @@ def test_a_clean_arm_leaves_nothing_at_any_stage(design):
 
 
 def test_effects_are_those_of_the_catalogue_and_columns_match_parameters(clean):
-    effects = all_signatures(clean)
+    effects = make_regressors(clean)
     assert len({(e.key, e.only_joint) for e in effects}) == len(effects)
     for effect in effects:
         assert effect.id in catalogue() and effect.source
@@ -140,7 +140,7 @@ def test_the_delay_of_the_loop_is_found_though_one_drive_lags(clean, late, slow)
 
 
 def test_the_payload_column_is_the_regressor_of_a_real_payload(clean):
-    payload = next(effect for effect in all_signatures(clean) if effect.id == "payload")
+    payload = next(effect for effect in make_regressors(clean) if effect.id == "payload")
     loaded = sample([record(Truth(noise=0.0, payload=0.2), duration=16.0)])
     for joint in range(7):
         change = loaded.torque[:, joint] - clean.samples.torque[:, joint]
@@ -239,7 +239,7 @@ def test_the_schema_refuses(change, text):
 
 def test_what_yields_before_it_slides_follows_the_motion_and_turns_with_it():
     path = np.concatenate([np.linspace(0, 0.02, 400), np.linspace(0.02, -0.02, 800)])
-    share = bent(path, 1e-3)
+    share = bristle_deflection(path, 1e-3)
     assert np.abs(share).max() == pytest.approx(1.0) and share[0] == 0.0
     assert share[380] == pytest.approx(1.0) and share[-1] == pytest.approx(-1.0)
     # It turns over twice its reach, which is where friction is late.
@@ -256,9 +256,9 @@ def test_reversals_share_the_nuisances_of_sliding(design):
 
 
 def test_a_patch_may_hold_whatever_an_effect_is_given_by(clean):
-    for effect in all_signatures(clean):
+    for effect in make_regressors(clean):
         named = {p.name for p in effect.parameters} | set(effect.constants) | {s.name for s in [effect.shape] if s}
-        assert named - ({"share"} if effect.shape else set()) <= {q.name for q in RECORDS[effect.id].quantities}, (
+        assert named - ({"share"} if effect.shape else set()) <= {q.name for q in ARM_EFFECTS[effect.id].quantities}, (
             effect.key
         )
 

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from sim2real.effects import RECORDS
+from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.arm_effects import ArmEffects
-from sim2real.effects.behaviour import STICTION_SPEED
+from sim2real.effects.gravity import GravityTorque
+from sim2real.effects.hooks import STICTION_SPEED
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.effects.weight import Hold
 
 from np_control.dynamics import Dynamics
 from np_description.panda import NOMINAL
@@ -63,7 +63,7 @@ def test_a_lag_is_first_order_and_a_period_its_mean(lag, before, after):
 
 @given(torques, st.floats(0.5, 20.0))
 def test_a_drive_saturates(commands, limit):
-    for values, held in (({}, Hold()(NOMINAL.ready)[at]), ({"gravity_apart": 1.0}, 0.0)):
+    for values, held in (({}, GravityTorque()(NOMINAL.ready)[at]), ({"gravity_apart": 1.0}, 0.0)):
         expected = commands.copy()
         expected[:, at] = np.clip(expected[:, at] + held, -limit, limit) - held
         assert np.allclose(driven(gap("torque_saturation", limit=limit, **values), commands), expected, atol=1e-12)
@@ -236,9 +236,9 @@ def test_encoders_read_in_steps_and_torque_sensors_are_off(q, dq, step, gain, of
     assert torque[at] == pytest.approx(3 * (1 + gain) + offset) and (np.delete(torque, at) == 3).all()
 
 
-@pytest.mark.parametrize("effect", [r.id for r in RECORDS.values() if not r.is_simulated])
+@pytest.mark.parametrize("effect", [r.id for r in ARM_EFFECTS.values() if not r.is_simulated])
 def test_what_a_backend_cannot_carry_is_named_and_does_nothing(effect):
-    model = gap(effect, **{RECORDS[effect].quantities[0].name: 0.01})
+    model = gap(effect, **{ARM_EFFECTS[effect].quantities[0].name: 0.01})
     assert model.ignored == (effect,)
     assert (
         np.array_equal(model.drive(np.ones(7), NOMINAL.ready), np.ones(7))

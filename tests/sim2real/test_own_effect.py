@@ -29,7 +29,7 @@ print(json.dumps([[f.effect.id, f.component, {k: [v.low, v.high] for k, v in f.p
 def test_a_steady_pull_is_found_by_its_own_name_and_size():
     assert set(EXPERIMENTS) <= set(NAMES)
     run = subprocess.run(
-        [sys.executable, "-c", SCRIPT, str(HERE.parent), json.dumps(EXPERIMENTS)],
+        [sys.executable, "-c", SCRIPT, str(HERE.parents[1]), json.dumps(EXPERIMENTS)],
         env={**os.environ, FOLDERS: str(HERE.parents[2] / "examples" / "effects")},
         capture_output=True,
         text=True,

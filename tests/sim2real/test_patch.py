@@ -6,9 +6,9 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim2real.effects import RECORDS
+from sim2real.effects import ARM_EFFECTS
+from sim2real.effects.effect import Target
 from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
-from sim2real.effects.record import Place
 
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
@@ -19,9 +19,9 @@ joints = st.sampled_from(NOMINAL.joints)
 
 @st.composite
 def effects(draw):
-    record = RECORDS[draw(st.sampled_from(sorted(RECORDS)))]
+    record = ARM_EFFECTS[draw(st.sampled_from(sorted(ARM_EFFECTS)))]
     values = {q.name: draw(st.floats(q.lower, q.upper)) for q in record.quantities if draw(st.booleans())}
-    return PatchEffect(record.id, draw(joints if record.place is Place.LINK else joints | st.just("arm")), values)
+    return PatchEffect(record.id, draw(joints if record.target is Target.LINK else joints | st.just("arm")), values)
 
 
 @settings(deadline=None, max_examples=60)
@@ -42,8 +42,8 @@ def test_what_is_less_than_physical_is_told_by_effect_joint_and_what_is_in_force
     )
     wanted = NOMINAL.frictionloss[1] - 5.0
     told = f"coulomb_friction at panda_joint2: asks for a frictionloss of {wanted:.4g} Nm, in force is 0"
-    assert patch.held_back() == [told] and patch.panda().frictionloss[1] == 0.0
-    assert Patch(patch.effects[1:]).held_back() == []
+    assert patch.clipped_parameters() == [told] and patch.panda().frictionloss[1] == 0.0
+    assert Patch(patch.effects[1:]).clipped_parameters() == []
 
 
 ENTRY = {"effect": "coulomb_friction", "component": "panda_joint1", "parameters": {"level": 0.1}}

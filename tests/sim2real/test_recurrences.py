@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim2real.effects import RECORDS
+from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.arm_effects import ArmEffects
-from sim2real.effects.limits import always, is_apart, lost
+from sim2real.effects.limits import excludes_gravity, find_reference_limit, limit_column
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.effects.signature import Parameter
+from sim2real.effects.recurrences import first_order_lag, linear_recurrence, mean_lagged_torque, play_operator
+from sim2real.effects.regressor import Parameter
 from sim2real.effects.stage import Stage
-from sim2real.effects.sums import first_order, lagged, play, recurrence
-from sim2real.effects.timing.command_delay import delayed
-from sim2real.effects.timing.packet_loss import find_held
-from sim2real.effects.torque_loop.torque_rate_limit import ramped, rate_limited
-from sim2real.effects.torque_loop.torque_saturation import saturated
+from sim2real.effects.timing.command_delay import delay_commands
+from sim2real.effects.timing.packet_loss import find_lost_packets
+from sim2real.effects.torque_loop.torque_rate_limit import limit_rate, ramp_torque
+from sim2real.effects.torque_loop.torque_saturation import saturate
 from sim2real.inference.cells import Block, Cell, make_cell
 from sim2real.recordings.signals import Log, sample
 from sim2real.thresholds import THRESHOLDS
@@ -55,7 +55,7 @@ def test_a_recurrence_is_its_loop(seed, speed):
     for a, b in zip(decay, inflow):
         x = a * x + b
         expected.append(x)
-    np.testing.assert_allclose(recurrence(decay, inflow), expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(linear_recurrence(decay, inflow), expected, rtol=1e-12, atol=1e-12)
 
 
 @settings(max_examples=20, deadline=None)
@@ -68,7 +68,7 @@ def test_a_lag_is_its_loop(seed, lag):
         for value in part:
             x += (1 - np.exp(-PERIOD / lag)) * (value - x)
             expected.append(x)
-    np.testing.assert_allclose(first_order(d, d.commanded[:, 0], lag), expected, atol=1e-10)
+    np.testing.assert_allclose(first_order_lag(d, d.commanded[:, 0], lag), expected, atol=1e-10)
 
 
 @settings(max_examples=20, deadline=None)
@@ -81,7 +81,7 @@ def test_a_limited_rate_is_its_loop(seed, step):
         for value in part:
             last = min(max(value, last - step), last + step)
             expected.append(last)
-    np.testing.assert_allclose(rate_limited(d, d.commanded[:, 0], step / PERIOD), expected, atol=1e-9)
+    np.testing.assert_allclose(limit_rate(d, d.commanded[:, 0], step / PERIOD), expected, atol=1e-9)
 
 
 @settings(max_examples=20, deadline=None)
@@ -99,7 +99,7 @@ def test_a_limited_rate_begins_where_the_drive_was(seed, step, behind):
             expected.append(last)
     measured = d.commanded[:, 0].copy()
     measured[d.starts] = first
-    np.testing.assert_allclose(rate_limited(d, d.commanded[:, 0], step / PERIOD, measured), expected, atol=1e-9)
+    np.testing.assert_allclose(limit_rate(d, d.commanded[:, 0], step / PERIOD, measured), expected, atol=1e-9)
 
 
 FINE = 400  # steps of a period
@@ -124,8 +124,8 @@ def through(d, step):
 def test_a_period_with_a_lag_is_the_mean_of_what_goes_on_in_it(seed, lag):
     d, _ = drive(seed, 200)
     expected = through(d, lambda x, command, s: x + (1 - np.exp(-s / lag)) * (command - x))
-    np.testing.assert_allclose(lagged(d, d.commanded[:, 0], lag), expected, atol=0.02)
-    assert np.abs(first_order(d, d.commanded[:, 0], lag) - expected).max() > 0.05  # its end is something else
+    np.testing.assert_allclose(mean_lagged_torque(d, d.commanded[:, 0], lag), expected, atol=0.02)
+    assert np.abs(first_order_lag(d, d.commanded[:, 0], lag) - expected).max() > 0.05  # its end is something else
 
 
 @settings(max_examples=5, deadline=None)
@@ -134,13 +134,13 @@ def test_a_period_with_a_limited_rate_is_the_mean_of_its_ramp(seed, rise):
     d, _ = drive(seed, 200)
     rate = rise / PERIOD
     expected = through(d, lambda x, command, s: min(max(command, x - rate * s), x + rate * s))
-    np.testing.assert_allclose(ramped(d, d.commanded[:, 0], rate), expected, atol=0.01)
-    assert np.abs(rate_limited(d, d.commanded[:, 0], rate) - expected).max() > 0.03
+    np.testing.assert_allclose(ramp_torque(d, d.commanded[:, 0], rate), expected, atol=0.01)
+    assert np.abs(limit_rate(d, d.commanded[:, 0], rate) - expected).max() > 0.03
 
 
 @pytest.mark.parametrize("effect, parameters, law", [
-    ("actuator_lag", {"time_constant": 0.004}, lambda d, x: lagged(d, x, 0.004)),
-    ("torque_rate_limit", {"limit": 150.0, "gravity_apart": 1.0}, lambda d, x: ramped(d, x, 150.0)),
+    ("actuator_lag", {"time_constant": 0.004}, lambda d, x: mean_lagged_torque(d, x, 0.004)),
+    ("torque_rate_limit", {"limit": 150.0, "gravity_apart": 1.0}, lambda d, x: ramp_torque(d, x, 150.0)),
 ])  # fmt: skip
 def test_a_simulated_drive_has_the_law_that_recordings_are_asked_for(effect, parameters, law):
     commanded = np.cumsum(np.random.default_rng(1).normal(size=300))
@@ -151,19 +151,22 @@ def test_a_simulated_drive_has_the_law_that_recordings_are_asked_for(effect, par
 
 
 @pytest.mark.parametrize("apart", [False, True])
-@pytest.mark.parametrize("limited, limit", [(saturated, 6.0), (ramped, 300.0)])
+@pytest.mark.parametrize("limited, limit", [(saturate, 6.0), (ramp_torque, 300.0)])
 def test_what_a_limit_acts_on_is_asked_of_the_recording(limited, limit, apart):
     rng, time = np.random.default_rng(3), np.arange(3000) * PERIOD
     commanded = 8 * np.sin(7 * time) + 4 * np.sin(60 * time)
     gravity = 9 * np.sin(5 * time)
     d = SimpleNamespace(arrived=commanded[:, None], gravity=gravity[:, None], starts=np.array([0]), period=PERIOD)
     d.measured = d.arrived
-    d.measured = d.arrived + lost(d, 0, limited, limit, apart)[:, None] + 0.03 * rng.normal(size=(3000, 1))
-    assert is_apart(d, 0, limited, {False: [0.94 * limit, 1.1 * limit], True: [0.94 * limit, 1.1 * limit]}) is apart
+    d.measured = d.arrived + limit_column(d, 0, limited, limit, apart)[:, None] + 0.03 * rng.normal(size=(3000, 1))
+    assert (
+        excludes_gravity(d, 0, limited, {False: [0.94 * limit, 1.1 * limit], True: [0.94 * limit, 1.1 * limit]})
+        is apart
+    )
 
 
 @pytest.mark.parametrize("apart", [False, True])
-@pytest.mark.parametrize("limited, limit", [(saturated, 6.0), (ramped, 300.0)])
+@pytest.mark.parametrize("limited, limit", [(saturate, 6.0), (ramp_torque, 300.0)])
 def test_a_limit_that_a_drive_had_is_known_from_before(limited, limit, apart):
     rng, time = np.random.default_rng(3), np.arange(3000) * PERIOD
     commanded = 8 * np.sin(7 * time) + 4 * np.sin(60 * time)
@@ -176,12 +179,12 @@ def test_a_limit_that_a_drive_had_is_known_from_before(limited, limit, apart):
         rest = {name: getattr(d, name)[earlier] for name in ("arrived", "gravity", "measured")}
         return SimpleNamespace(**rest, starts=np.array([0]), period=PERIOD)
 
-    assert always(before(), 0, limited, tried) is None
-    changed = d.measured + lost(d, 0, limited, limit, apart)[:, None]
+    assert find_reference_limit(before(), 0, limited, tried) is None
+    changed = d.measured + limit_column(d, 0, limited, limit, apart)[:, None]
     d.measured, unchanged = np.where(earlier[:, None], changed, d.measured), d.measured
-    assert always(before(), 0, limited, tried) == (pytest.approx(limit, rel=3e-3), apart)
+    assert find_reference_limit(before(), 0, limited, tried) == (pytest.approx(limit, rel=3e-3), apart)
     d.measured = np.where(earlier[:, None], unchanged, changed)  # a limit that is new is not one that was there
-    assert always(before(), 0, limited, tried) is None
+    assert find_reference_limit(before(), 0, limited, tried) is None
 
 
 @settings(max_examples=20, deadline=None)
@@ -191,7 +194,7 @@ def test_a_delay_is_interpolation(seed, delay):
     parts = [
         np.interp(np.arange(len(p)) - delay / PERIOD, np.arange(len(p)), p) for p in stretches(d, d.commanded[:, 0])
     ]
-    np.testing.assert_allclose(delayed(d, d.commanded[:, 0], delay), np.concatenate(parts), atol=1e-9)
+    np.testing.assert_allclose(delay_commands(d, d.commanded[:, 0], delay), np.concatenate(parts), atol=1e-9)
 
 
 def test_periods_in_which_the_last_command_was_held_are_found():
@@ -200,7 +203,7 @@ def test_periods_in_which_the_last_command_was_held_are_found():
     lost[d.starts] = False
     row = np.maximum.accumulate(np.where(lost, 0, np.arange(6000)))
     d.measured = d.commanded[row] + 0.02 * rng.normal(size=(6000, 2))
-    found = find_held(d)
+    found = find_lost_packets(d)
     held, (share, error) = found.held, found.share(np.ones(6000, bool))
     assert 0.001 < error < 0.01
     tellable = lost & (np.abs(d.commanded[row] - d.commanded).max(axis=1) > 0.2)
@@ -218,15 +221,15 @@ def test_packets_are_lost_in_a_loop_that_is_late_as_well(share_late):
     force = d.commanded[np.maximum.accumulate(np.where(lost, 0, np.arange(6000)))]
 
     def late(values):
-        return np.column_stack([delayed(d, column, share_late * PERIOD) for column in values.T])
+        return np.column_stack([delay_commands(d, column, share_late * PERIOD) for column in values.T])
 
     d.late, d.arrived = share_late * PERIOD, late(d.commanded)
     d.measured = late(force) + 0.02 * rng.normal(size=(6000, 2))
-    found = find_held(d)
+    found = find_lost_packets(d)
     held, (share, error) = found.held, found.share(np.ones(6000, bool))
     assert share == pytest.approx(lost.mean(), rel=0.08) and held[~lost].mean() < 2e-3
     ((effect,),) = [
-        RECORDS["packet_loss"].signatures(SimpleNamespace(drive=d, held=held, held_share=share, held_error=error))
+        ARM_EFFECTS["packet_loss"].regressors(SimpleNamespace(drive=d, held=held, held_share=share, held_error=error))
     ]
     column = effect.columns[Stage.DRIVE](SimpleNamespace(drive=d, held=held), 0)[:, 0]
     residual = d.measured[:, 0] - d.arrived[:, 0]
@@ -292,5 +295,5 @@ def test_a_play_is_its_loop_to_the_last_bit(seed, reach, stands):
     for low, high in zip(middle - reach, middle + reach):
         last = np.minimum(np.maximum(last, low), high)
         expected.append(last)
-    assert np.array_equal(play(middle, reach), expected)
-    assert np.array_equal(play(middle[:, 0], reach), np.array(expected)[:, 0])
+    assert np.array_equal(play_operator(middle, reach), expected)
+    assert np.array_equal(play_operator(middle[:, 0], reach), np.array(expected)[:, 0])

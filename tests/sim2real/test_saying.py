@@ -4,9 +4,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from sim2real.effects import RECORDS
-from sim2real.effects.record import EffectRecord, Place, Quantity
-from sim2real.effects.saying import Value, fields, say
+from sim2real.effects import ARM_EFFECTS
+from sim2real.effects.effect import Effect, Quantity, Target
+from sim2real.effects.sentences import ValueWithInterval, describe_effect, template_fields
 from sim2real.report.next_steps import next_steps
 from sim2real.report.sentence import sentence
 
@@ -15,27 +15,29 @@ from np_description.panda import NOMINAL
 SIMULATOR = "the simulator"
 
 
-@pytest.mark.parametrize("record", RECORDS.values(), ids=lambda record: record.id)
+@pytest.mark.parametrize("record", ARM_EFFECTS.values(), ids=lambda record: record.id)
 def test_every_effect_of_ours_has_a_phrase_of_its_own_quantities(record):
-    assert fields(record.said) <= {q.name for q in record.quantities} | {"at", "nominal"}
-    assert fields(record.said) & {q.name for q in record.quantities}
-    component = "arm" if record.place is Place.ARM else "panda_joint3"
-    words = say(record, component, {q.name: Value(0.2, 0.19, 0.21) for q in record.quantities}, SIMULATOR)
+    assert template_fields(record.sentence_template) <= {q.name for q in record.quantities} | {"at", "nominal"}
+    assert template_fields(record.sentence_template) & {q.name for q in record.quantities}
+    component = "arm" if record.target is Target.ARM else "panda_joint3"
+    words = describe_effect(
+        record, component, {q.name: ValueWithInterval(0.2, 0.19, 0.21) for q in record.quantities}, SIMULATOR
+    )
     assert "{" not in words and "_" not in words and not words.endswith(".")
-    assert record.place is Place.ARM or f"{'link' if record.place is Place.LINK else 'joint'} 3" in words
+    assert record.target is Target.ARM or f"{'link' if record.target is Target.LINK else 'joint'} 3" in words
 
 
 @pytest.mark.parametrize(
     "value, spec, text",
     [
-        (Value(0.34997, 0.345, 0.355), "kg", "0.350 kg (0.345 to 0.355)"),
-        (Value(0.8, 0.788, 0.812), "Nm more/less", "0.80 Nm (0.79 to 0.81) more"),
-        (Value(-0.8, -0.812, -0.788), "Nm more/less", "0.80 Nm (0.79 to 0.81) less"),
-        (Value(-0.01, -0.05, 0.03), "Nm more/less", "0.01 Nm (-0.03 to 0.05) less"),
-        (Value(0.02, 0.018, 0.022), "% too_strong/too_weak", "2.0 % (1.8 to 2.2) too strong"),
-        (Value(0.004, 0.0035, 0.0045), "ms", "4.0 ms (3.5 to 4.5)"),
-        (Value(1200.0, 1150.0, 1250.0), "Nm/s", "1200 Nm/s (1150 to 1250)"),
-        (Value(0.0, 0.0, 0.0), "kg_m", "0 kg m (0 to 0)"),
+        (ValueWithInterval(0.34997, 0.345, 0.355), "kg", "0.350 kg (0.345 to 0.355)"),
+        (ValueWithInterval(0.8, 0.788, 0.812), "Nm more/less", "0.80 Nm (0.79 to 0.81) more"),
+        (ValueWithInterval(-0.8, -0.812, -0.788), "Nm more/less", "0.80 Nm (0.79 to 0.81) less"),
+        (ValueWithInterval(-0.01, -0.05, 0.03), "Nm more/less", "0.01 Nm (-0.03 to 0.05) less"),
+        (ValueWithInterval(0.02, 0.018, 0.022), "% too_strong/too_weak", "2.0 % (1.8 to 2.2) too strong"),
+        (ValueWithInterval(0.004, 0.0035, 0.0045), "ms", "4.0 ms (3.5 to 4.5)"),
+        (ValueWithInterval(1200.0, 1150.0, 1250.0), "Nm/s", "1200 Nm/s (1150 to 1250)"),
+        (ValueWithInterval(0.0, 0.0, 0.0), "kg_m", "0 kg m (0 to 0)"),
     ],
 )
 def test_a_number_has_the_digits_of_its_interval(value, spec, text):
@@ -43,9 +45,9 @@ def test_a_number_has_the_digits_of_its_interval(value, spec, text):
 
 
 def test_an_effect_without_a_phrase_says_its_name_and_numbers():
-    own = EffectRecord("steady_pull", Place.ARM, (Quantity("force_x", "N", -9, 9),), lambda context: [])
+    own = Effect("steady_pull", Target.ARM, (Quantity("force_x", "N", -9, 9),), lambda context: [])
     assert (
-        say(own, "arm", {"force_x": Value(3.0, 2.9, 3.1)}, SIMULATOR)
+        describe_effect(own, "arm", {"force_x": ValueWithInterval(3.0, 2.9, 3.1)}, SIMULATOR)
         == "the arm has steady pull: force x 3.0 N (2.9 to 3.1)"
     )
 
@@ -54,7 +56,7 @@ def finding(effect, component, values, competing=(), probability=1.0):
     return SimpleNamespace(
         effect=SimpleNamespace(id=effect),
         component=component,
-        parameters={name: Value(*numbers) for name, numbers in values.items()},
+        parameters={name: ValueWithInterval(*numbers) for name, numbers in values.items()},
         is_chosen=True,
         competing_effects=competing,
         class_probability=probability,

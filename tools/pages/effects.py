@@ -24,9 +24,9 @@ def page() -> str:
     header = ("effect", "module", "where", "model", "parameters", "visible", "carried by")
     return (
         head("Effects", "the records of sim2real.effects", f"{INTRODUCTION} {RECORDED}")
-        + table(header, (recorded(record) for record in sim2real.effects.RECORDS.values()))
-        + parts("Camera and keypoints", VIEW, sim2real.effects.VIEW_RECORDS)
-        + parts("Contact, object and table", SCENE, sim2real.effects.SCENE_RECORDS)
+        + table(header, (recorded(record) for record in sim2real.effects.ARM_EFFECTS.values()))
+        + parts("Camera and keypoints", VIEW, sim2real.effects.CAMERA_EFFECTS)
+        + parts("Contact, object and table", SCENE, sim2real.effects.SCENE_EFFECTS)
     )
 
 
@@ -36,11 +36,11 @@ def parts(title: str, introduction: str, records) -> str:
     rows = (
         (
             f"`{record.id}`",
-            str(record.part),
+            str(record.target),
             record.entry["model"],
             ranges(record),
-            f"{record.seen.limit:g} {'' if record.seen.unit == '1' else record.seen.unit}".strip(),
-            ", ".join(record.carriers),
+            f"{record.detection_limit.limit:g} {'' if record.detection_limit.unit == '1' else record.detection_limit.unit}".strip(),
+            ", ".join(record.supported_in),
         )
         for record in records.values()
     )
@@ -56,19 +56,19 @@ def ranges(record) -> str:
 
 
 def recorded(record) -> tuple[str, ...]:
-    """The row of an sim2real.effects.record.EffectRecord."""
+    """The row of an sim2real.effects.effect.Effect."""
     visible = ""
-    if record.visible:
-        limit = record.visible.limit
+    if record.detection_limit:
+        limit = record.detection_limit.limit
         visible = f"{', '.join(f'{x:g}' for x in limit) if isinstance(limit, tuple) else f'{limit:g}'}"
-        visible += "" if record.visible.unit == "1" else f" {record.visible.unit}"
+        visible += "" if record.detection_limit.unit == "1" else f" {record.detection_limit.unit}"
     model = record.entry["model"]
     return (
         f"`{record.id}`",
         record.module,
-        str(record.place),
+        str(record.target),
         model,
         ranges(record),
         visible,
-        ", ".join(record.carriers),
+        ", ".join(record.supported_in),
     )

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field, replace
 from math import radians
 
 import numpy as np
-from sim2real.effects import SCENE_RECORDS, VIEW_RECORDS
+from sim2real.effects import CAMERA_EFFECTS, SCENE_EFFECTS
 from sim2real.effects.patch import Patch, PatchEffect
 
 from np_blind.camera import quirks
@@ -23,7 +23,7 @@ from np_description.panda import NOMINAL
 
 SET = "task"
 OUT = "out"
-RECORDS = {**SCENE_RECORDS, **VIEW_RECORDS}
+RECORDS = {**SCENE_EFFECTS, **CAMERA_EFFECTS}
 Gap = dict[str, float]
 
 
@@ -73,7 +73,7 @@ class Case:
     @property
     def patch(self) -> Patch:
         """What is other than believed, but for what is out of the catalogue."""
-        own = [PatchEffect(name, str(RECORDS[name].part), self.gap[name]) for name in self.effects]
+        own = [PatchEffect(name, str(RECORDS[name].target), self.gap[name]) for name in self.effects]
         return Patch((*own, *(PatchEffect(*one) for one in self.usual)))
 
     def stranger(self, name: str, quantity: str) -> float:

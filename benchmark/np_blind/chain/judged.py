@@ -6,8 +6,8 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
+from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch
-from sim2real.effects.view_effects import ViewEffects
 from sim2real.task.camera.rest_poses import find_rest_poses
 from sim2real.task.contact_force.fit import NominalContact
 from sim2real.task.diagnosis import TaskDiagnosis, TaskRecordings, diagnose_task, make_patch
@@ -130,7 +130,7 @@ def _shown_off(recording: TaskRecording, patch: Patch) -> list[float]:
         recording, recording.seen_from, recording.seen_from + 1.0, camera_over_table(CAMERA, lift)
     ).position
     place = np.array([*place[:2], lift + BUMP.half_size[2]])
-    shown = CAMERA.at_height(CAMERA.rays(ViewEffects(patch).camera.project(place[None])[0]), place[2])
+    shown = CAMERA.at_height(CAMERA.rays(CameraEffects(patch).camera.project(place[None])[0]), place[2])
     return (np.asarray(shown).ravel()[:2] - place[:2]).tolist()
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch
-from sim2real.effects.view_effects import ViewEffects
 from sim2real.excitation.contact_suite.monitor import OutOfPicture, SuiteMonitor
 from sim2real.excitation.contact_suite.suite import SuiteState, task_suite
 from sim2real.excitation.contact_suite.tip_path import rest_segment
@@ -49,7 +49,7 @@ class PlainEye:
     """The product's own simulated camera, with white noise."""
 
     def __init__(self, half: np.ndarray, patch: Patch, seed: int):
-        self._view, self._rng = ViewEffects(patch, CAMERA, seed), np.random.default_rng([seed, 6])
+        self._view, self._rng = CameraEffects(patch, CAMERA, seed), np.random.default_rng([seed, 6])
         self._corners = SeenCorners(half, self._view.oldest)
 
     def look(self, stamp: int, pose: Pose, q: np.ndarray, is_due: bool) -> Images:

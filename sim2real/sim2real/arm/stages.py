@@ -18,8 +18,8 @@ from sim2real.arm import rigid
 from sim2real.arm.link_errors import link_errors
 from sim2real.arm.model import Arm
 from sim2real.effects.evidence import Drive, Prediction
-from sim2real.effects.sums import sign
-from sim2real.effects.timing.command_delay import USUAL, delayed
+from sim2real.effects.recurrences import smooth_sign
+from sim2real.effects.timing.command_delay import USUAL, delay_commands
 from sim2real.recordings.signals import Log, Samples
 from sim2real.thresholds import THRESHOLDS
 
@@ -39,7 +39,7 @@ def predict(samples: Samples, arm: Arm) -> Prediction:
     gravity = rigid.gravity_torque(arm, q)
     inertial = rigid.torque(arm, q, dq, ddq) - gravity
     rotors = ddq * arm.armature
-    direction = np.column_stack([samples.filtered(j, lambda q, v: sign(v)) for j in range(len(arm))])
+    direction = np.column_stack([samples.filtered(j, lambda q, v: smooth_sign(v)) for j in range(len(arm))])
     friction = direction * arm.frictionloss + dq * arm.damping
     total = inertial + rotors + friction + (gravity if samples.with_gravity else 0.0)
     motion = rigid.move(arm, q, dq, ddq)
@@ -62,7 +62,7 @@ def expected_torque(position, velocity, acceleration, arm: Arm, with_gravity: bo
     """What the sensors of the nominal arm would show (n, k) Nm of a motion; near standstill only roughly."""
     still = None if with_gravity else np.zeros(3)
     rigid_part = rigid.torque(arm, position, velocity, acceleration, still)
-    return rigid_part + acceleration * arm.armature + sign(velocity) * arm.frictionloss + velocity * arm.damping
+    return rigid_part + acceleration * arm.armature + smooth_sign(velocity) * arm.frictionloss + velocity * arm.damping
 
 
 def drive(logs: list[Log], arm: Arm, reference: int = 0) -> Drive | None:
@@ -110,7 +110,7 @@ def drive(logs: list[Log], arm: Arm, reference: int = 0) -> Drive | None:
     found = Drive(time, trajectory, period, np.concatenate(starts), *rest, 0.0, rest[1], is_replayed)
     before = trajectory < reference
     late = _late(found, before if before.any() else np.ones(len(time), bool))
-    arrived = np.column_stack([delayed(found, column, late) for column in found.commanded.T])
+    arrived = np.column_stack([delay_commands(found, column, late) for column in found.commanded.T])
     return replace(found, late=late, arrived=arrived)
 
 

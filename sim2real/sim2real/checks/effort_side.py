@@ -13,7 +13,7 @@ import numpy as np
 
 from sim2real.arm import rigid
 from sim2real.arm.model import Arm
-from sim2real.effects.sums import sign
+from sim2real.effects.recurrences import smooth_sign
 from sim2real.recordings.signals import Log, sample
 from sim2real.thresholds import THRESHOLDS
 
@@ -31,7 +31,8 @@ def is_after_gear(logs: Sequence[Log], arm: Arm, commanded: bool = False) -> boo
     rigid_part = rigid.torque(arm, samples.position, samples.velocity, samples.acceleration, gravity)
     for j in range(len(arm)):
         friction = (
-            samples.filtered(j, lambda q, v: sign(v)) * arm.frictionloss[j] + samples.velocity[:, j] * arm.damping[j]
+            samples.filtered(j, lambda q, v: smooth_sign(v)) * arm.frictionloss[j]
+            + samples.velocity[:, j] * arm.damping[j]
         )
         slides = np.abs(samples.velocity[:, j]) > THRESHOLDS.rows.standstill
         if slides.sum() < EFFORT.rows or not friction[slides].any():
@@ -64,4 +65,4 @@ def _with_friction(log: Log, arm: Arm) -> Log:
     padded = np.pad(speed, ((EFFORT.smooth // 2, EFFORT.smooth // 2), (0, 0)), mode="edge")
     smooth = np.lib.stride_tricks.sliding_window_view(padded, EFFORT.smooth, axis=0).mean(axis=-1)
     rotors = np.gradient(smooth, log.torque_time, axis=0) * arm.armature
-    return replace(log, torque=log.torque + sign(smooth) * arm.frictionloss + speed * arm.damping + rotors)
+    return replace(log, torque=log.torque + smooth_sign(smooth) * arm.frictionloss + speed * arm.damping + rotors)

@@ -12,7 +12,7 @@ import numpy as np
 
 from sim2real.arm.rigid import felt_inertia
 from sim2real.effects.evidence import Context
-from sim2real.effects.signature import Parameter
+from sim2real.effects.regressor import Parameter
 from sim2real.effects.stage import Stage
 from sim2real.inference.cells import Cell, make_cell
 from sim2real.inference.design import Design

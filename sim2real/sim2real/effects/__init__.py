@@ -1,9 +1,9 @@
-"""What an arm may have that its nominal simulator has not: one file an effect, with everything that it is.
+"""What reality may have that its nominal simulator has not: one file an effect, with everything that it is.
 
-A record (`record.EffectRecord`) says what a patch may give for the effect, how the arm changes by it in a simulator, and how
-it shows in a recording. The bridge, training, the doctor and the blind test all take it from here.
+An `effect.Effect` says what a patch may give for it, how the simulated arm, camera or scene changes by it, and how it shows
+in a recording. Simulators, training, the diagnosis and the blind test all take it from here.
 """
 
-from sim2real.effects.registry import RECORDS, SCENE_RECORDS, VIEW_RECORDS
+from sim2real.effects.registry import ARM_EFFECTS, CAMERA_EFFECTS, EFFECTS, SCENE_EFFECTS
 
-__all__ = ["RECORDS", "SCENE_RECORDS", "VIEW_RECORDS"]
+__all__ = ["ARM_EFFECTS", "CAMERA_EFFECTS", "EFFECTS", "SCENE_EFFECTS"]

@@ -14,11 +14,11 @@ import numpy as np
 from np_common.rotations import namespace
 from np_description.panda import NOMINAL
 from sim2real.effects.arrays import NUMPY, Arrays
-from sim2real.effects.behaviour import Values
+from sim2real.effects.effect import Effect
+from sim2real.effects.gravity import GravityModel
+from sim2real.effects.hooks import HookContext
 from sim2real.effects.patch import Patch
-from sim2real.effects.record import EffectRecord
-from sim2real.effects.registry import RECORDS
-from sim2real.effects.weight import Weight
+from sim2real.effects.registry import ARM_EFFECTS
 
 
 class ArmEffects:
@@ -40,15 +40,15 @@ class ArmEffects:
         patches = tuple(p.arm for p in ((patch,) if isinstance(patch, Patch) else patch))
         lead = () if isinstance(patch, Patch) else (len(patches),)
         named = {e.effect for p in patches for e in p.effects}
-        present = [record for record in RECORDS.values() if record.id in named]
-        self.ignored = tuple(sorted(record.id for record in present if not record.is_simulated))
+        present = [effect for effect in ARM_EFFECTS.values() if effect.id in named]
+        self.ignored = tuple(sorted(effect.id for effect in present if not effect.is_simulated))
 
-        def values(effect: str) -> Values:
+        def values(effect: str) -> HookContext:
             def by_joint(name: str) -> np.ndarray:
                 return np.array([p.per_joint(effect, name) for p in patches]).reshape(*lead, 7)
 
-            library = NUMPY if RECORDS[effect].numpy_only else arrays
-            return Values(by_joint, lead, period, seed, np.zeros(lead) + begin, library)
+            library = NUMPY if ARM_EFFECTS[effect].numpy_only else arrays
+            return HookContext(by_joint, lead, period, seed, np.zeros(lead) + begin, library)
 
         on_drive = sorted((r for r in present if r.drive), key=lambda r: r.drive.slot)
         on_sensors = sorted((r for r in present if r.sensors), key=lambda r: r.sensors.slot)
@@ -81,15 +81,15 @@ class ArmEffects:
         return q, dq, torque
 
 
-def _share_of_weight(record: EffectRecord, values: Values) -> np.ndarray | None:
+def _share_of_weight(effect: Effect, values: HookContext) -> np.ndarray | None:
     """Of the compensated gravity in what a stage of the drive acts on, by joint: 1 or 0; None where it has nothing to do
     with it."""
-    return 1.0 - values("gravity_apart").clip(None, 1.0) if record.drive.of_total else None
+    return 1.0 - values("gravity_apart").clip(None, 1.0) if effect.drive.of_total else None
 
 
-def _of_own_library(arrays: Arrays, record: EffectRecord, hook: Callable) -> Callable:
+def _of_own_library(arrays: Arrays, effect: Effect, hook: Callable) -> Callable:
     """The hook, which gets arrays of the library that it was written for."""
-    if arrays is NUMPY or not record.numpy_only:
+    if arrays is NUMPY or not effect.numpy_only:
         return hook
 
     def through_numpy(*values):
@@ -105,10 +105,12 @@ LeftOver = Callable[[np.ndarray], np.ndarray]
 
 def _left_over(patch: Patch, arrays: Arrays) -> LeftOver | None:
     """Of this arm; None where no effect touches it."""
-    weight, changes = (
-        Weight(),
-        [partial(e.record.weight, component=e.component, values=e.values) for e in patch.effects if e.record.weight],
-    )
+    weight = GravityModel()
+    changes = [
+        partial(e.definition.gravity_error, component=e.component, values=e.values)
+        for e in patch.effects
+        if e.definition.gravity_error
+    ]
     for change in changes:
         weight = change(weight)
     if not changes:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim2real.effects.weight import Hold
+from sim2real.effects.gravity import GravityTorque
 
 
 @dataclass(frozen=True)
@@ -22,4 +22,4 @@ class Arrays:
     hold: Callable[..., Callable[[np.ndarray], np.ndarray]]
 
 
-NUMPY = Arrays(np.asarray, Hold)
+NUMPY = Arrays(np.asarray, GravityTorque)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim2real.effects.effect import Quantity
 from sim2real.effects.evidence import Context, Drive
-from sim2real.effects.record import Quantity
-from sim2real.effects.signature import Signature
+from sim2real.effects.regressor import EffectRegressor
 
 GRAVITY_APART = Quantity("gravity_apart", "1", 0.0, 1.0)  # 1: the limit is of the command, without gravity
 LEVELS = tuple(0.95 * 0.88**n for n in range(8))  # of the largest asked for
@@ -23,23 +23,23 @@ ACTS = 0.05  # of the squares between command and measurement that a limit must 
 STEPS = (0.06, 0.03, 0.015, 0.008, 0.004)  # of a limit, by which it is looked for between two levels
 FINE = (*STEPS, 0.002, 0.001, 5e-4, 2e-4, 1e-4)  # likewise, where what the limit takes is taken out
 ALWAYS = 0.5  # of the squares in the rows in which a limit acts that one which was there leaves at most
-Limited = Callable[[Drive, np.ndarray, float, np.ndarray], np.ndarray]
+LimitFunction = Callable[[Drive, np.ndarray, float, np.ndarray], np.ndarray]
 """What a limit leaves of torques (n,) Nm asked for, of which (n,) Nm were measured."""
 
 
 @dataclass(frozen=True)
-class Limit:
+class DriveLimit:
     """A limit that the drive of a joint may have, as recordings show it.
 
-    limited: what it leaves of torques. levels: limits to try, of (context, joint, whether gravity is apart, rows (n,) bool of the drive).
-    signature: of (limit, joint, whether gravity is apart).
+    limit_torque: what it leaves of torques. levels: limits to try, of (context, joint, whether gravity is apart, rows (n,) bool of the drive).
+    regressor: of (limit, joint, whether gravity is apart).
     """
 
-    limited: Limited
+    limit_torque: LimitFunction
     levels: Callable[[Context, int, bool, np.ndarray], list[float]]
-    signature: Callable[[float, int, bool], Signature]
+    regressor: Callable[[float, int, bool], EffectRegressor]
 
-    def signatures(self, context: Context) -> list[Signature]:
+    def regressors(self, context: Context) -> list[EffectRegressor]:
         """Every level of each joint, in the reading that its drive is asked for."""
         if context.drive is None:
             return []
@@ -47,40 +47,40 @@ class Limit:
         drive = context.drive.only(later)
         for j in range(len(context.arm)):
             tried = self._tried(context, j, later)
-            apart = is_apart(drive, j, self.limited, tried)
-            found += [self.signature(level, j, apart) for level in tried[apart]]
+            apart = excludes_gravity(drive, j, self.limit_torque, tried)
+            found += [self.regressor(level, j, apart) for level in tried[apart]]
         return found
 
-    def always(self, context: Context) -> list[Signature]:
+    def reference_regressors(self, context: Context) -> list[EffectRegressor]:
         """The limits that the drives had in the recordings of the arm as it was."""
         if context.drive is None:
             return []
         found, earlier = [], ~context.is_later(context.drive.trajectory)
         drive = context.drive.only(earlier)
         for j in range(len(context.arm)):
-            shown = always(drive, j, self.limited, self._tried(context, j, earlier))
-            found += [self.signature(shown[0], j, shown[1])] if shown else []
+            shown = find_reference_limit(drive, j, self.limit_torque, self._tried(context, j, earlier))
+            found += [self.regressor(shown[0], j, shown[1])] if shown else []
         return found
 
     def _tried(self, context: Context, joint: int, rows: np.ndarray) -> dict[bool, list[float]]:
         return {apart: self.levels(context, joint, apart, rows) for apart in (False, True)}
 
 
-def lost(d: Drive, joint: int, limited: Limited, limit: float, apart: bool) -> np.ndarray:
+def limit_column(d: Drive, joint: int, limited: LimitFunction, limit: float, apart: bool) -> np.ndarray:
     """Change (n,) Nm of a joint's torque by a limit."""
     held = 0.0 if apart else d.gravity[:, joint]
     whole = d.arrived[:, joint] + held
     return limited(d, whole, limit, d.measured[:, joint] + held) - whole
 
 
-def levels(asked: np.ndarray, given: np.ndarray) -> list[float]:
+def candidate_levels(asked: np.ndarray, given: np.ndarray) -> list[float]:
     """Limits to try: shares of the largest that was asked for (n,), and about the largest that was given (m,) again and again.
     A loop around a low limit swings, and asks for many times what it is given."""
     often = float(np.percentile(np.abs(given), OFTEN))
     return [*(level * float(np.abs(asked).max()) for level in LEVELS), *(share * often for share in REACHED)]
 
 
-def is_apart(d: Drive, joint: int, limited: Limited, levels: dict[bool, Sequence[float]]) -> bool:
+def excludes_gravity(d: Drive, joint: int, limited: LimitFunction, levels: dict[bool, Sequence[float]]) -> bool:
     """Whether gravity apart is the reading under which the best limit leaves less of what was measured.
 
     levels: where to begin, by reading. Between two of them the limit is looked for: how near one happens to be says nothing.
@@ -93,7 +93,9 @@ def is_apart(d: Drive, joint: int, limited: Limited, levels: dict[bool, Sequence
     return best[True] < best[False]
 
 
-def always(d: Drive, joint: int, limited: Limited, levels: dict[bool, Sequence[float]]) -> tuple[float, bool] | None:
+def find_reference_limit(
+    d: Drive, joint: int, limited: LimitFunction, levels: dict[bool, Sequence[float]]
+) -> tuple[float, bool] | None:
     """The limit that a joint's drive had, and whether it is of the command without gravity; None where nothing was limited.
 
     Whether it was there is asked of the rows in which the limit would act, which may be few: in those it must leave
@@ -104,33 +106,33 @@ def always(d: Drive, joint: int, limited: Limited, levels: dict[bool, Sequence[f
     if min(best.values())[0] >= left(np.inf, False):
         return None  # a limit above the one that is there would say a part of it
     (_, limit), apart = min((_nearest(left, found, apart, FINE), apart) for apart, found in best.items())
-    column = lost(d, joint, limited, limit, apart)
+    column = limit_column(d, joint, limited, limit, apart)
     acts = column != 0
     residual = (d.measured - d.arrived)[acts, joint]
     is_there = np.square(residual - column[acts]).sum() < ALWAYS * np.square(residual).sum()
     return (limit, apart) if is_there else None
 
 
-Left = Callable[[float, bool], float]
+SquaresLeft = Callable[[float, bool], float]
 """Squares Nm^2 of what was measured that a limit leaves, in one of the readings."""
 
 
-def _left(d: Drive, joint: int, limited: Limited) -> Left:
+def _left(d: Drive, joint: int, limited: LimitFunction) -> SquaresLeft:
     residual = d.measured[:, joint] - d.arrived[:, joint]
 
     def left(limit: float, apart: bool) -> float:
-        change = 0.0 if np.isinf(limit) else lost(d, joint, limited, limit, apart)
+        change = 0.0 if np.isinf(limit) else limit_column(d, joint, limited, limit, apart)
         return float(np.square(residual - change).sum())
 
     return left
 
 
-def _of_levels(left: Left, levels: dict[bool, Sequence[float]]) -> dict[bool, tuple[float, float]]:
+def _of_levels(left: SquaresLeft, levels: dict[bool, Sequence[float]]) -> dict[bool, tuple[float, float]]:
     """(squares, limit) of the best of some limits, by reading."""
     return {apart: min((left(level, apart), level) for level in levels[apart]) for apart in (False, True)}
 
 
-def _nearest(left: Left, found: tuple[float, float], apart: bool, steps: Sequence[float]) -> tuple[float, float]:
+def _nearest(left: SquaresLeft, found: tuple[float, float], apart: bool, steps: Sequence[float]) -> tuple[float, float]:
     """(squares, limit) of the best limit about one that was found, looked for in smaller and smaller steps."""
     for step in steps:
         found = min([found, *((left(found[1] * x, apart), found[1] * x) for x in (1 - step, 1 + step))])

@@ -1,6 +1,6 @@
 """The gap as data: `patch.yaml`, which the doctor writes and simulators load.
 
-A patch is a list of effects (ids of `RECORDS`), each at a component with its quantities, mostly changes against the nominal
+A patch is a list of effects (ids of `EFFECTS`), each at a component with its quantities, mostly changes against the nominal
 arm. What a rigid-body simulator has a number for becomes a `PandaModel`; `arm_effects.ArmEffects` gives the rest as a model
 of drive, joints and sensors that is stepped with the physics.
 """
@@ -16,10 +16,8 @@ import yaml
 
 from np_description.panda import NOMINAL, PandaModel
 from np_description.scene_change import SceneChange
-from sim2real.effects.record import ARM, EffectRecord, Place
-from sim2real.effects.registry import RECORDS, SCENE_RECORDS, VIEW_RECORDS
-from sim2real.effects.scene_record import SceneRecord
-from sim2real.effects.view_record import ViewRecord
+from sim2real.effects.effect import ARM, ARM_TARGETS, Effect, Target
+from sim2real.effects.registry import ARM_EFFECTS, CAMERA_EFFECTS, EFFECTS, SCENE_EFFECTS
 
 PANDA = "panda"  # the arm that is simulated here
 LEAST_ARMATURE = 1e-3  # kg m^2, below which a simulator's steps would have to be shorter
@@ -34,9 +32,9 @@ class PatchEffect:
     parameters: Mapping[str, float]
 
     @property
-    def record(self) -> EffectRecord | ViewRecord | SceneRecord:
-        """What it is."""
-        return RECORDS.get(self.effect) or VIEW_RECORDS.get(self.effect) or SCENE_RECORDS[self.effect]
+    def definition(self) -> Effect:
+        """The effect that it is."""
+        return EFFECTS[self.effect]
 
     def get(self, name: str, default: float = 0.0) -> float:
         """A parameter, or its default."""
@@ -45,7 +43,7 @@ class PatchEffect:
     @property
     def values(self) -> dict[str, float]:
         """Every quantity of the effect by name, 0 where the patch does not say."""
-        return {quantity.name: self.get(quantity.name) for quantity in self.record.quantities}
+        return {quantity.name: self.get(quantity.name) for quantity in self.definition.quantities}
 
 
 @dataclass(frozen=True)
@@ -57,23 +55,23 @@ class Patch:
     @property
     def arm(self) -> Patch:
         """Those of the arm."""
-        return Patch(tuple(e for e in self.effects if e.effect in RECORDS))
+        return Patch(tuple(e for e in self.effects if e.effect in ARM_EFFECTS))
 
     @property
-    def view(self) -> Patch:
+    def camera(self) -> Patch:
         """Those of camera and keypoints."""
-        return Patch(tuple(e for e in self.effects if e.effect in VIEW_RECORDS))
+        return Patch(tuple(e for e in self.effects if e.effect in CAMERA_EFFECTS))
 
     @property
     def scene(self) -> Patch:
         """Those of contact, object and table."""
-        return Patch(tuple(e for e in self.effects if e.effect in SCENE_RECORDS))
+        return Patch(tuple(e for e in self.effects if e.effect in SCENE_EFFECTS))
 
     def scene_change(self) -> SceneChange:
         """What the scene of a simulator is, other than it is believed to be."""
         change = SceneChange()
         for e in self.scene.effects:
-            change = e.record.change(change, e.values)
+            change = e.definition.modify_scene(change, e.values)
         return change
 
     def of(self, effect: str) -> list[PatchEffect]:
@@ -90,7 +88,7 @@ class Patch:
 
     def panda(self, nominal: PandaModel = NOMINAL) -> PandaModel:
         """The arm with all that a rigid-body simulator has a number for; none of them below what is physical."""
-        arm = self._asked(nominal)
+        arm = self._requested(nominal)
         return replace(
             arm,
             frictionloss=np.maximum(arm.frictionloss, 0.0),
@@ -98,9 +96,9 @@ class Patch:
             armature=np.maximum(arm.armature, LEAST_ARMATURE),
         )
 
-    def held_back(self, nominal: PandaModel = NOMINAL) -> list[str]:
+    def clipped_parameters(self, nominal: PandaModel = NOMINAL) -> list[str]:
         """Where the patch asks for less than is physical: a line for each, with effects, joint, and what is in force."""
-        asked, given = self._asked(nominal), self.panda(nominal)
+        asked, given = self._requested(nominal), self.panda(nominal)
         lines = []
         for name, unit in (("frictionloss", "Nm"), ("damping", "Nm s/rad"), ("armature", "kg m^2")):
             wanted, has = getattr(asked, name), getattr(given, name)
@@ -110,19 +108,19 @@ class Patch:
                     e.effect
                     for e in self.arm.effects
                     if e.component in (ARM, joint)
-                    and getattr(Patch((e,))._asked(nominal), name)[j] < getattr(nominal, name)[j]
+                    and getattr(Patch((e,))._requested(nominal), name)[j] < getattr(nominal, name)[j]
                 ]
                 lines.append(
                     f"{', '.join(causes)} at {joint}: asks for a {name} of {wanted[j]:.4g} {unit}, in force is {has[j]:.4g}"
                 )
         return lines
 
-    def _asked(self, nominal: PandaModel) -> PandaModel:
+    def _requested(self, nominal: PandaModel) -> PandaModel:
         """The arm with the sums of all changes, physical or not."""
         arm = nominal
         for e in self.arm.effects:
-            if e.record.panda is not None:
-                arm = e.record.panda(arm, e.component, e.values)
+            if e.definition.modify_rigid_body is not None:
+                arm = e.definition.modify_rigid_body(arm, e.component, e.values)
         return arm
 
 
@@ -144,32 +142,32 @@ def load_patch(path: str | Path) -> Patch:
 def _read(entry: object, place: str) -> PatchEffect:
     if not isinstance(entry, Mapping) or not {"effect", "component", "parameters"} <= set(entry):
         raise ValueError(f"{place}: expected effect, component and parameters, got {entry!r:.80}")
-    record = RECORDS.get(entry["effect"]) or VIEW_RECORDS.get(entry["effect"]) or SCENE_RECORDS.get(entry["effect"])
-    if record is None:
+    effect = EFFECTS.get(entry["effect"])
+    if effect is None:
         raise ValueError(
-            f"{place}: expected an effect of the arm ({', '.join(RECORDS)}), of the view ({', '.join(VIEW_RECORDS)}) or of the "
-            f"scene ({', '.join(SCENE_RECORDS)}), got {entry['effect']!r}"
+            f"{place}: expected an effect of the arm ({', '.join(ARM_EFFECTS)}), of the view ({', '.join(CAMERA_EFFECTS)}) or of the "
+            f"scene ({', '.join(SCENE_EFFECTS)}), got {entry['effect']!r}"
         )
-    if isinstance(record, ViewRecord | SceneRecord):
-        if entry["component"] != record.part:
+    if effect.target not in ARM_TARGETS:
+        if entry["component"] != effect.target:
             raise ValueError(
-                f"{place}: expected '{record.part}' as component of {record.id}, got {entry['component']!r}"
+                f"{place}: expected '{effect.target}' as component of {effect.id}, got {entry['component']!r}"
             )
     elif entry["component"] not in (ARM, *NOMINAL.joints):
         raise ValueError(f"{place}: expected 'arm' or a joint as component, got {entry['component']!r}")
-    elif record.place is Place.LINK and entry["component"] == ARM:
-        raise ValueError(f"{place}: expected the joint that moves the link as component of {record.id}, got 'arm'")
-    known, values = {quantity.name: quantity for quantity in record.quantities}, {}
+    elif effect.target is Target.LINK and entry["component"] == ARM:
+        raise ValueError(f"{place}: expected the joint that moves the link as component of {effect.id}, got 'arm'")
+    known, values = {quantity.name: quantity for quantity in effect.quantities}, {}
     for name, value in dict(entry["parameters"]).items():
         if name not in known or not isinstance(value, (int, float)) or not np.isfinite(value):
             raise ValueError(f"{place}: expected finite numbers for {', '.join(known)}; got {name}: {value!r}")
         q = known[name]
         if not q.lower <= value <= q.upper:
             raise ValueError(
-                f"{place}: expected {name} of {record.id} from {q.lower:g} to {q.upper:g} {q.unit}, got {value!r}"
+                f"{place}: expected {name} of {effect.id} from {q.lower:g} to {q.upper:g} {q.unit}, got {value!r}"
             )
         values[name] = float(value)
-    return PatchEffect(record.id, entry["component"], values)
+    return PatchEffect(effect.id, entry["component"], values)
 
 
 def dump_patch(patch: Patch, arm: str = PANDA) -> str:

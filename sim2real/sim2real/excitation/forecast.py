@@ -15,11 +15,11 @@ from np_control.impedance import damping
 from np_control.safety import LIMITS
 from sim2real.arm import rigid
 from sim2real.arm.model import Arm
-from sim2real.effects import RECORDS
+from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.evidence import Context
-from sim2real.effects.registry import all_signatures
-from sim2real.effects.signature import Signature
-from sim2real.effects.sums import sign
+from sim2real.effects.recurrences import smooth_sign
+from sim2real.effects.registry import make_regressors
+from sim2real.effects.regressor import EffectRegressor
 from sim2real.excitation.suite import Segment, experiment
 from sim2real.inference import nuisances
 from sim2real.inference.cells import Block, Cell, make_cell
@@ -37,7 +37,7 @@ def planned_log(segment: Segment, arm: Arm, like: Log) -> Log:
     time = np.arange(0.0, segment.duration, PERIOD)
     q, dq, rate = _motion(segment, time)
     rigid_part = _rigid(arm, segment, time)
-    asked = rigid_part + sign(dq) * arm.frictionloss + dq * arm.damping
+    asked = rigid_part + smooth_sign(dq) * arm.frictionloss + dq * arm.damping
     measured = np.vstack([asked[:1], asked[:-1]])  # that of the period before the stamp
     if like.with_gravity:
         measured = measured + rigid.gravity_torque(arm, q)
@@ -120,8 +120,8 @@ def _rigid(arm: Arm, segment: Segment, time: np.ndarray) -> np.ndarray:
     return CubicSpline(coarse, rigid.torque(arm, q, dq, rate, np.zeros(3)) + arm.armature * rate)(time)
 
 
-def _in(context: Context, effect: Signature) -> Signature:
+def _in(context: Context, effect: EffectRegressor) -> EffectRegressor:
     """The same effect with columns for another context: those of rigid bodies are tied to their motion."""
-    if RECORDS[effect.id].module != "rigid_body":
+    if ARM_EFFECTS[effect.id].module != "rigid_body":
         return effect
-    return next(e for e in all_signatures(context) if e.key == effect.key and e.component == effect.component)
+    return next(e for e in make_regressors(context) if e.key == effect.key and e.component == effect.component)

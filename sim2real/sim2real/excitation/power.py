@@ -15,7 +15,7 @@ import numpy as np
 
 from np_description.panda import NOMINAL
 from sim2real.diagnosis import Diagnosis
-from sim2real.effects import RECORDS
+from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.catalogue import equivalence_classes
 from sim2real.excitation.ambiguity import Ambiguity, reach
 from sim2real.excitation.forecast import planned_cells
@@ -123,7 +123,7 @@ def _known(finding: Finding) -> dict:
     ids = {finding.effect.id, *finding.equivalent_to}
     split = next((text for members, text in equivalence_classes() if len(members & ids) > 1), None)
     return {
-        "name": split or RECORDS[finding.effect.id].entry["exciting_experiment"],
+        "name": split or ARM_EFFECTS[finding.effect.id].entry["exciting_experiment"],
         "separates": sorted(ids),
         "component": finding.component,
     }

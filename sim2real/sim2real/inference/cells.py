@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from sim2real.effects.evidence import Context
-from sim2real.effects.signature import Parameter
+from sim2real.effects.regressor import Parameter
 from sim2real.effects.stage import Stage
 from sim2real.inference.residuals import Stages
 from sim2real.thresholds import THRESHOLDS

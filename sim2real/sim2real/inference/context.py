@@ -8,9 +8,9 @@ from sim2real.arm.at_samples import RigidAtSamples
 from sim2real.arm.model import Arm
 from sim2real.arm.stages import Prediction, drive, predict
 from sim2real.effects.evidence import Context, Drive, Transmission
+from sim2real.effects.recurrences import play_operator
 from sim2real.effects.sensing.encoder_quantisation import find_quantum
-from sim2real.effects.sums import play
-from sim2real.effects.timing.packet_loss import find_held
+from sim2real.effects.timing.packet_loss import find_lost_packets
 from sim2real.recordings.signals import Log, Samples, sample
 from sim2real.thresholds import THRESHOLDS
 
@@ -52,7 +52,7 @@ def make_context(logs: list[Log], arm: Arm, reference: int = 0, constant: np.nda
 
 def lost_since(driven: Drive, reference: int) -> tuple[np.ndarray, float, float, np.ndarray | None]:
     """(held, held_share, held_error, set_aside) of `Context`."""
-    found = find_held(driven)
+    found = find_lost_packets(driven)
     if not reference:
         return found.held, *found.share(np.ones(len(found.held), bool)), None
     now = driven.trajectory >= reference
@@ -111,7 +111,7 @@ def _between(grid: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarr
 def _quiet(twist: np.ndarray) -> np.ndarray:
     """A twist (m, k) rad smoothed, and moved only by what is no noise: the play operator."""
     smooth = np.column_stack([np.convolve(np.pad(c, SMOOTH, mode="edge"), HANN, mode="valid") for c in twist.T])
-    return play(smooth, HINTS.play)
+    return play_operator(smooth, HINTS.play)
 
 
 def _projected(samples: Samples, trajectory: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from np_description.panda import NOMINAL
-from sim2real.effects import RECORDS
+from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.evidence import Context
-from sim2real.effects.signature import Parameter, Signature
+from sim2real.effects.regressor import EffectRegressor, Parameter
 from sim2real.effects.stage import Stage
 from sim2real.inference import nuisances
 from sim2real.inference.cells import Block, Cell, make_blocks, make_cell
@@ -21,7 +21,7 @@ from sim2real.inference.residuals import Stages
 class Candidate:
     """An effect at a place: joint number or None for the arm; ids of its parameters."""
 
-    effect: Signature
+    effect: EffectRegressor
     joint: int | None
     ids: np.ndarray
     component_joint: int | None = None  # that an effect of the arm sits at
@@ -93,11 +93,11 @@ def make_design(context: Context) -> Design:
     return Design(context, tuple(cells), tuple(candidates), tuple(parameters), ids, blocks, stages)
 
 
-def _told(context: Context, effect: Signature) -> tuple[Parameter, ...]:
+def _told(context: Context, effect: EffectRegressor) -> tuple[Parameter, ...]:
     """Parameters of an effect, in a stronger arm than the Panda with as much more room. What any arm's links are off by does
     not change: between two recordings of an arm any size of it is worth naming."""
     parts = tuple(_sized(p, context.arm.torque_limit.max() / NOMINAL.torque_limit.max()) for p in effect.parameters)
-    if context.reference and RECORDS[effect.id].module in ("rigid_body", "joint_dynamics"):
+    if context.reference and ARM_EFFECTS[effect.id].module in ("rigid_body", "joint_dynamics"):
         return tuple(replace(p, least=0.0) for p in parts)
     return parts
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim2real.effects.signature import Signature
+from sim2real.effects.regressor import EffectRegressor
 from sim2real.inference.averaging import spread
 from sim2real.inference.cells import Cell, make_cell
 from sim2real.inference.design import Candidate, Design
@@ -29,7 +29,7 @@ class Estimate:
 
 def estimate(
     search: Search, model: Model, member: int, seed: int, refined: bool = True
-) -> tuple[Signature, dict[str, Estimate]]:
+) -> tuple[EffectRegressor, dict[str, Estimate]]:
     """(the effect with its shape settled, parameters by name) of a member of a model."""
     design = search.design
     candidate = design.candidates[member]
@@ -84,7 +84,7 @@ def _widened(one: Estimate, half: float) -> Estimate:
     return replace(one, low=float(one.value - low), high=float(one.value + high))
 
 
-def settled(search: Search, model: Model, member: int) -> Signature:
+def settled(search: Search, model: Model, member: int) -> EffectRegressor:
     """The effect of a member of a model with its shape where the likelihood is greatest."""
     design, candidate = search.design, search.design.candidates[member]
     if candidate.effect.shape is None:
@@ -112,7 +112,7 @@ def _interval(cells: list[Cell], ids: np.ndarray, design: Design, seed: int) -> 
     return whole.parameters[0], ESTIMATES.t95 * np.maximum(drawn.parameters.std(axis=0), posterior)
 
 
-def _unweighed(design: Design, effect: Signature) -> np.ndarray:
+def _unweighed(design: Design, effect: EffectRegressor) -> np.ndarray:
     """Half of a 95 % interval (p,), as a share of its value, of what a torque is known to that was made of a current."""
     if all(log.per_ampere is None for log in design.context.logs):
         return np.zeros(len(effect.parameters))
@@ -164,7 +164,7 @@ def _settle(design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candi
 
 
 def _shift(
-    design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candidate, effect: Signature, width: float
+    design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candidate, effect: EffectRegressor, width: float
 ) -> np.ndarray:
     """By how much the parameters (p,) move while the shape moves over its half width.
 
@@ -204,7 +204,7 @@ def _likelihood(cells: list[Cell], ids: np.ndarray, design: Design) -> float:
     return float(sum(-0.5 * c.test_rows.sum() * np.log(v[0]) for c, v in zip(cells, whole.variance)))
 
 
-def with_effect(design: Design, cells: list[Cell], candidate: Candidate, effect: Signature) -> list[Cell]:
+def with_effect(design: Design, cells: list[Cell], candidate: Candidate, effect: EffectRegressor) -> list[Cell]:
     """The cells with the columns of another shape of the candidate's effect, whitened as before."""
     stages, changed = design.stages, []
     for cell in cells:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim2real.effects.signature import Parameter
+from sim2real.effects.regressor import Parameter
 from sim2real.inference.arrow import Arrow, Inverse, Shape, Solution
 from sim2real.inference.cells import Cell
 from sim2real.thresholds import THRESHOLDS

@@ -16,9 +16,9 @@ import numpy as np
 from sim2real.arm.rigid import felt_inertia
 from sim2real.arm.stages import slides
 from sim2real.effects.evidence import Context
-from sim2real.effects.signature import Parameter
+from sim2real.effects.recurrences import bristle_deflection, smooth_sign
+from sim2real.effects.regressor import Parameter
 from sim2real.effects.stage import Stage
-from sim2real.effects.sums import bent, sign
 from sim2real.thresholds import THRESHOLDS
 
 NUISANCES = THRESHOLDS.nuisances
@@ -87,7 +87,8 @@ def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
     if stage is Stage.DYNAMICS:
         # After a reversal friction is late, and resists the acceleration less: it looks like less inertia.
         late = (
-            c.arm.frictionloss[joint] * c.samples.filtered(joint, lambda q, v, x=reach: bent(q, x) - sign(v))
+            c.arm.frictionloss[joint]
+            * c.samples.filtered(joint, lambda q, v, x=reach: bristle_deflection(q, x) - smooth_sign(v))
             for reach in NUISANCES.breakaways
         )
         motion = c.samples.torque_rate[:, joint], c.samples.acceleration[:, joint]

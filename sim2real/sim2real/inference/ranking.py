@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim2real.effects import RECORDS
+from sim2real.effects import ARM_EFFECTS
 from sim2real.inference.design import Candidate, Design
 from sim2real.inference.search import Model, Search
 from sim2real.thresholds import THRESHOLDS
@@ -24,7 +24,7 @@ def probabilities(search: Search, seed: int) -> dict[tuple[str, str], float]:
     joints, found = search.design.context.arm.joints, {}
     for model, share in zip(ranked, weight):
         names = {(c.effect.id, c.at(joints)) for c in (search.design.candidates[m] for m in model.members)}
-        for name in names:
+        for name in sorted(names):  # equally probable ones keep an order that does not depend on hashes
             found[name] = min(1.0, found.get(name, 0.0) + float(share))
     return found
 
@@ -84,7 +84,7 @@ def _is_another_cause(design: Design, larger: Candidate, mine: Candidate) -> boo
     Friction with equal and opposite levels is the torque of an offset, and a fault of the joint, not of its drive. A cable
     says it with one of its parameters alone: a cable without stiffness is none.
     """
-    if RECORDS[larger.effect.id].module == RECORDS[mine.effect.id].module:
+    if ARM_EFFECTS[larger.effect.id].module == ARM_EFFECTS[mine.effect.id].module:
         return False
     fewer = (replace(larger, ids=np.delete(larger.ids, k)) for k in range(len(larger.ids)))
     return not any(spans(design, one, mine) for one in fewer)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from sim2real.arm.stages import slides
-from sim2real.effects import RECORDS
+from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.evidence import Context
-from sim2real.effects.registry import all_signatures, shown_before
-from sim2real.effects.signature import Signature
+from sim2real.effects.registry import make_reference_regressors, make_regressors
+from sim2real.effects.regressor import EffectRegressor
 from sim2real.effects.stage import Stage
 from sim2real.inference import nuisances
 from sim2real.inference.change import apart, beside, directions
@@ -26,13 +26,13 @@ class Stages:
 
     def __init__(self, context: Context):
         self.context = context
-        self.signatures = all_signatures(context)
-        self._before = shown_before(context) if context.reference else []
+        self.signatures = make_regressors(context)
+        self._before = make_reference_regressors(context) if context.reference else []
         self._common: dict[tuple[Stage, int, bool], np.ndarray] = {}  # `directions` of each cell
         # Of the last joint asked for: columns of effects by stage, and of what could be said of all recordings alike.
-        self._kept: tuple[int, dict[tuple[int, Stage], tuple[Signature, np.ndarray]]] = (-1, {})
+        self._kept: tuple[int, dict[tuple[int, Stage], tuple[EffectRegressor, np.ndarray]]] = (-1, {})
         self._alike_of: tuple[tuple[Stage, int], tuple[np.ndarray, np.ndarray]] | None = None
-        self._projected: dict[tuple[int, int], tuple[Signature, np.ndarray]] = {}
+        self._projected: dict[tuple[int, int], tuple[EffectRegressor, np.ndarray]] = {}
         self.stages = [Stage.DYNAMICS]
         self._slides = np.column_stack([slides(context.samples, j) for j in range(len(context.arm))])
         if context.drive is not None:
@@ -60,7 +60,7 @@ class Stages:
             return c.drive.commanded[:, joint] - c.drive.law[:, joint]
         return c.drive.measured[:, joint] - c.drive.commanded[:, joint]
 
-    def columns(self, effect: Signature, stage: Stage, joint: int) -> np.ndarray | None:
+    def columns(self, effect: EffectRegressor, stage: Stage, joint: int) -> np.ndarray | None:
         """Columns (n, parameters) of an effect at a stage of a joint, None where it does not show: in the recordings in
         which effects may show, zero in those of the arm as it was."""
         return self.later(stage, self._everywhere(effect, stage, joint))
@@ -124,14 +124,14 @@ class Stages:
         own = [nuisances.columns(self.context, stage, joint), flexible(self.context, stage, joint, expected=True)]
         wound = [np.zeros((len(own[0]), 0))]
         for effect in self.signatures:
-            said = effect.id != LOSS and RECORDS[effect.id].always is None
+            said = effect.id != LOSS and ARM_EFFECTS[effect.id].reference_regressors is None
             if effect.only_joint in (None, joint) and stage in effect.columns and said:
                 (wound if effect.id == HYSTERESIS else own).append(self._own(effect, stage, joint))
         shown = [self._everywhere(effect, stage, joint) for effect in self._before if effect.only_joint == joint]
         own += [columns for columns in shown if columns is not None]
         return beside(own), beside(wound)
 
-    def _everywhere(self, effect: Signature, stage: Stage, joint: int) -> np.ndarray | None:
+    def _everywhere(self, effect: EffectRegressor, stage: Stage, joint: int) -> np.ndarray | None:
         """Columns (n, parameters) of an effect in all recordings.
 
         With commands, r2 is taken from the commanded torque, so that the noise of the torque sensor is in r1 alone.
@@ -139,7 +139,7 @@ class Stages:
         """
         if stage is not Stage.DYNAMICS or self.context.drive is None or Stage.DRIVE not in effect.columns:
             return self._own(effect, stage, joint) if stage in effect.columns else None
-        if RECORDS[effect.id].module == "sensing":
+        if ARM_EFFECTS[effect.id].module == "sensing":
             return None
         key = (id(effect), joint)
         if key not in self._projected:
@@ -148,7 +148,7 @@ class Stages:
             self._projected[key] = effect, projected  # kept too, lest another effect gets its id
         return self._projected[key][1]
 
-    def _own(self, effect: Signature, stage: Stage, joint: int) -> np.ndarray:
+    def _own(self, effect: EffectRegressor, stage: Stage, joint: int) -> np.ndarray:
         """Columns (n, parameters) that an effect itself has at a stage, kept while this joint is asked for."""
         if self._kept[0] != joint:
             self._kept = joint, {}

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim2real.effects import RECORDS
-from sim2real.effects.signature import Signature
+from sim2real.effects import ARM_EFFECTS
+from sim2real.effects.regressor import EffectRegressor
 from sim2real.inference import screen
 from sim2real.inference.design import Candidate, Design
 from sim2real.inference.fit import Fit, Score, energy, places, score
@@ -268,7 +268,7 @@ class Search:
         friction) is a question of probability.
         """
         modules = [
-            {RECORDS[self.design.candidates[m].effect.id].module for m in one.members if m not in other.members}
+            {ARM_EFFECTS[self.design.candidates[m].effect.id].module for m in one.members if m not in other.members}
             for one, other in ((simpler, chosen), (chosen, simpler))
         ]
         return modules[0] == modules[1] or self.value(simpler) > self.value(chosen) - SEARCH.tie
@@ -296,7 +296,7 @@ class Search:
         return chosen
 
 
-def absorbed(design: Design, ids: np.ndarray, values: np.ndarray, effect: Signature) -> float:
+def absorbed(design: Design, ids: np.ndarray, values: np.ndarray, effect: EffectRegressor) -> float:
     """The part of an effect that its nuisance (`Signature.absorbs`) has taken up, on average over the joints.
 
     Of a delay of commands that is all of the nuisance; of a delay of states it is what the nuisance has beyond the

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sim2real.effects.signature import Signature
+from sim2real.effects.regressor import EffectRegressor
 from sim2real.inference.design import Design
 from sim2real.inference.estimates import settled, with_effect
 from sim2real.inference.search import Model, Search
@@ -49,7 +49,7 @@ def _settled(search: Search, beside: tuple[int, ...], member: int) -> Search:
     return search.on(_replaced(search.design, member, effect), member)
 
 
-def _replaced(design: Design, member: int, effect: Signature) -> Design:
+def _replaced(design: Design, member: int, effect: EffectRegressor) -> Design:
     """The design with another effect, of the same parameters, in the place of a candidate's."""
     candidate = design.candidates[member]
     candidates = list(design.candidates)

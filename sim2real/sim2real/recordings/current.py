@@ -15,7 +15,7 @@ import numpy as np
 
 from sim2real.arm import rigid
 from sim2real.arm.model import Arm
-from sim2real.effects.sums import sign
+from sim2real.effects.recurrences import smooth_sign
 from sim2real.recordings.signals import Log, sample
 from sim2real.thresholds import THRESHOLDS
 
@@ -38,7 +38,7 @@ def torque_constants(logs: Sequence[Log], arm: Arm) -> np.ndarray:
     for j, joint in enumerate(arm.joints):
         speed = samples.velocity[:, j]
         slides = np.abs(speed) > THRESHOLDS.rows.standstill
-        others = samples.filtered(j, lambda q, v: sign(v)), speed, np.ones_like(speed)
+        others = samples.filtered(j, lambda q, v: smooth_sign(v)), speed, np.ones_like(speed)
         columns = np.column_stack([load[:, j], *others])[slides]
         if len(columns) < CURRENT.rows:
             raise ValueError(_unknown(joint, "too little motion of it"))

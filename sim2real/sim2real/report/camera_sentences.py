@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict
 
-from sim2real.effects import VIEW_RECORDS
-from sim2real.effects.saying import Value
+from sim2real.effects import CAMERA_EFFECTS
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.task.camera.diagnosis import CameraDiagnosis, Named
 from sim2real.task.camera.parameters import BY_NAME, EFFECTS, PARAMETERS, SHOWN_BY
 
@@ -74,8 +74,8 @@ def patch(view: CameraDiagnosis) -> list[dict]:
         effect = EFFECTS[one.effect]
         if one.rivals or not effect.quantities:
             continue
-        record = VIEW_RECORDS[effect.ids[0]]
-        entry = {"effect": record.id, "component": str(record.part), "parameters": {}}
+        record = CAMERA_EFFECTS[effect.ids[0]]
+        entry = {"effect": record.id, "component": str(record.target), "parameters": {}}
         values = (value.value for value in one.sizes.values())
         entries.setdefault(record.id, entry)["parameters"].update(zip(effect.quantities, values))
     return list(entries.values())
@@ -99,7 +99,7 @@ def _alternatives(one: Named) -> str:
     return f"{ways[0]}." if len(ways) == 1 else f"either {'; or '.join(ways)}."
 
 
-def effect_text(effect: str, sizes: Mapping[str, Value]) -> str:
+def effect_text(effect: str, sizes: Mapping[str, ValueWithInterval]) -> str:
     """An effect in words, as half a sentence; a number that the recording does not narrow is a question mark."""
     unseen = {name for name, value in sizes.items() if not BY_NAME[name].is_seen(value.low, value.high)}
     if unseen == sizes.keys():
@@ -129,7 +129,7 @@ def _named(one: Named) -> dict:
     }
 
 
-def _values(values: Mapping[str, Value]) -> dict[str, dict[str, float]]:
+def _values(values: Mapping[str, ValueWithInterval]) -> dict[str, dict[str, float]]:
     return {name: asdict(value) for name, value in values.items()}
 
 

@@ -7,8 +7,8 @@ from dataclasses import asdict
 
 import numpy as np
 
-from sim2real.effects import SCENE_RECORDS
-from sim2real.effects.saying import Value, say
+from sim2real.effects import SCENE_EFFECTS
+from sim2real.effects.sentences import ValueWithInterval, describe_effect
 from sim2real.task.contact_force.estimate import ContactForceResult
 from sim2real.task.hypotheses import HypothesisComparison
 from sim2real.task.surface.estimate import SurfaceContactResult
@@ -47,18 +47,20 @@ def document(touched: SurfaceContactResult, forced: ContactForceResult) -> dict:
     return {"touch": touch, "force": force}
 
 
-def effect_text(effect: str, sizes: Mapping[str, Value]) -> str:
+def effect_text(effect: str, sizes: Mapping[str, ValueWithInterval]) -> str:
     """An effect with its sizes, as half a sentence."""
-    if effect in SCENE_RECORDS:
-        return say(SCENE_RECORDS[effect], str(SCENE_RECORDS[effect].part), patch_values(effect, sizes), "the simulator")
+    if effect in SCENE_EFFECTS:
+        return describe_effect(
+            SCENE_EFFECTS[effect], str(SCENE_EFFECTS[effect].target), patch_values(effect, sizes), "the simulator"
+        )
     return f"{effect.replace('_', ' ')}: " + ", ".join(f"{name} {value:SI}" for name, value in sizes.items())
 
 
-def patch_values(effect: str, sizes: Mapping[str, Value]) -> dict[str, Value]:
+def patch_values(effect: str, sizes: Mapping[str, ValueWithInterval]) -> dict[str, ValueWithInterval]:
     """Numbers as a patch has them: a logarithm as a share."""
     (value,) = sizes.values()
     if PARAMETERS[effect] == RELATIVE:
-        value = Value(*(float(np.expm1(number)) for number in (value.value, value.low, value.high)))
+        value = ValueWithInterval(*(float(np.expm1(number)) for number in (value.value, value.low, value.high)))
     return {PARAMETERS[effect]: value}
 
 

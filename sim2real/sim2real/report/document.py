@@ -11,7 +11,7 @@ import numpy as np
 
 from sim2real.checks.shrinkage import REGIMES, regimes
 from sim2real.diagnosis import Diagnosis
-from sim2real.effects import RECORDS
+from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.patch import dump_patch
 from sim2real.effects.stage import Stage
 from sim2real.excitation.ambiguity import open_question
@@ -105,7 +105,7 @@ def where(diagnosis: Diagnosis) -> list[dict]:
     energy: dict[tuple[str, str], float] = {}
     for f in diagnosis.findings:
         if f.is_chosen and f.energy > 0:
-            key = (RECORDS[f.effect.id].module, f.component)
+            key = (ARM_EFFECTS[f.effect.id].module, f.component)
             energy[key] = energy.get(key, 0.0) + f.energy
     for j in diagnosis.unexplained:
         left = sum((r.chosen - r.flexible) / r.rows for r in diagnosis.lack_of_fit if r.joint == j)

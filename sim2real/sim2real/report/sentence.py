@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from sim2real.checks.shrinkage import Gap
-from sim2real.effects import RECORDS
-from sim2real.effects.record import Place
-from sim2real.effects.saying import Value, place, say
+from sim2real.effects import ARM_EFFECTS
+from sim2real.effects.effect import Target
+from sim2real.effects.sentences import ValueWithInterval, describe_component, describe_effect
 from sim2real.finding import Finding
 
 _COUNT = {1: "it", 2: "both", 3: "all three"}
@@ -37,8 +37,8 @@ def sentence(
 
 
 def _said(finding: Finding, nominal: str) -> str:
-    values = {name: Value(e.value, e.low, e.high) for name, e in finding.parameters.items()}
-    return say(RECORDS[finding.effect.id], finding.component, values, nominal)
+    values = {name: ValueWithInterval(e.value, e.low, e.high) for name, e in finding.parameters.items()}
+    return describe_effect(ARM_EFFECTS[finding.effect.id], finding.component, values, nominal)
 
 
 def _removed(gap: Gap, count: int) -> str:
@@ -49,14 +49,14 @@ def _removed(gap: Gap, count: int) -> str:
 
 def _doubt(finding: Finding) -> str:
     """Why a finding is not sure."""
-    name = f"{_name(finding.effect.id)} at {place(Place.JOINT, finding.component)}"
+    name = f"{_name(finding.effect.id)} at {describe_component(Target.JOINT, finding.component)}"
     if finding.competing_effects:
         return f"{name} cannot be told from {' or '.join(map(_name, finding.competing_effects))} by these recordings."
     return f"{name} has a probability of {finding.class_probability:.2f} only."
 
 
 def _unexplained(names: Sequence[str], nominal: str) -> str:
-    joints = [place(Place.JOINT, name) for name in names]
+    joints = [describe_component(Target.JOINT, name) for name in names]
     names = joints[0] if len(joints) == 1 else f"{', '.join(joints[:-1])} and {joints[-1]}"
     verb = "departs" if len(joints) == 1 else "depart"
     return f"{names} {verb} from {nominal} in a way that no known effect explains: look at the joint before you use the patch."

@@ -12,7 +12,7 @@ from np_common.html_pages import style, svg
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose
 from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints
-from sim2real.effects.saying import Value
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.recordings.reading import ContractViolation
 from sim2real.task.camera.fit import evaluate_at
 from sim2real.task.camera.parameters import COUNT
@@ -79,7 +79,9 @@ def _corners(axes: Axes, whole: TaskDiagnosis, camera: Camera) -> bool:
     return True
 
 
-def _expected(keypoints: np.ndarray, domain: Domain, camera: Camera, off: Mapping[str, Value]) -> np.ndarray | None:
+def _expected(
+    keypoints: np.ndarray, domain: Domain, camera: Camera, off: Mapping[str, ValueWithInterval]
+) -> np.ndarray | None:
     shift = np.array([off["x"].value, off["y"].value, 0.0]) if off else np.zeros(3)
     try:
         pose = estimate_pose(keypoints, domain, camera=camera).pose

@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict
 from importlib.resources import files
 
-from sim2real.effects.saying import Value
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.report import camera_sentences as view_words
 from sim2real.report import contact_sentences as felt_words
 from sim2real.task import noise_effects as findings
@@ -78,13 +78,13 @@ def measured_text(module: str, whole: TaskDiagnosis) -> str:
     if module == "contact" and whole.force and whole.force.measured:
         believed, found = NominalContact.of(whole.seen.tasks[0].domain), whole.force.measured
         if "table" in found:
-            said.append(f"friction with the table {Value(*found['table']):1}, believed {believed.table:g}")
+            said.append(f"friction with the table {ValueWithInterval(*found['table']):1}, believed {believed.table:g}")
         if "finger" in found:
-            said.append(f"with the fingertip {Value(*found['finger']):1}, believed {believed.finger:g}")
+            said.append(f"with the fingertip {ValueWithInterval(*found['finger']):1}, believed {believed.finger:g}")
         elif whole.force.least_finger is not None:
             said.append(f"with the fingertip {whole.force.least_finger:.2f} at least, believed {believed.finger:g}")
     elif module == "object" and whole.force and "mass" in (whole.force.measured or {}):
-        mass = Value(*(1e3 * value for value in whole.force.measured["mass"]))
+        mass = ValueWithInterval(*(1e3 * value for value in whole.force.measured["mass"]))
         said.append(f"mass {mass:g}, believed {1e3 * whole.seen.tasks[0].domain.mass:.0f} g")
     elif module == "table" and whole.touch and whole.touch.explained:
         said.append(f"height {whole.touch.explained.bounds['height']:mm}")
@@ -181,7 +181,7 @@ def _way(way: Hypothesis) -> dict:
     }
 
 
-def _value(value: Value) -> dict:
+def _value(value: ValueWithInterval) -> dict:
     return {"value": float(value.value), "ci95": [float(value.low), float(value.high)]}
 
 
@@ -190,7 +190,7 @@ def _measured(whole: TaskDiagnosis) -> dict:
     found = {}
     if whole.force and whole.force.measured:
         units = {"table": "friction_table", "finger": "friction_fingertip", "mass": "mass_kg"}
-        found |= {units[name]: _value(Value(*values)) for name, values in whole.force.measured.items()}
+        found |= {units[name]: _value(ValueWithInterval(*values)) for name, values in whole.force.measured.items()}
     if whole.force and whole.force.least_finger is not None:
         found["friction_fingertip_at_least"] = float(whole.force.least_finger)
     if whole.touch and whole.touch.explained:

@@ -16,9 +16,9 @@ import numpy as np
 
 from np_description.panda import NOMINAL
 from sim2real.diagnosis import Diagnosis
-from sim2real.effects import RECORDS
+from sim2real.effects import ARM_EFFECTS
+from sim2real.effects.effect import ARM
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.effects.record import ARM
 from sim2real.inference.estimates import Estimate, estimate
 from sim2real.inference.search import Model
 from sim2real.simulation.forward import Windows, departures, rms, windows
@@ -39,7 +39,7 @@ class Part:
     @property
     def is_carried(self) -> bool:
         """Whether the simulator has this effect at all, and motion shows it."""
-        return RECORDS[self.effect].is_refitted
+        return ARM_EFFECTS[self.effect].is_refitted
 
 
 @dataclass(frozen=True, eq=False)

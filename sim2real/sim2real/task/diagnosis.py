@@ -181,7 +181,7 @@ def make_patch(whole: TaskDiagnosis) -> Patch:
             if row.verdict != "unexplained" and is_told and way.parameters:
                 entries.setdefault(way.ids[0], {}).update(way.parameters)
     found = (PatchEffect(effect, "", values) for effect, values in entries.items())
-    return Patch(tuple(PatchEffect(e.effect, str(e.record.part), _held(e)) for e in found))
+    return Patch(tuple(PatchEffect(e.effect, str(e.definition.target), _held(e)) for e in found))
 
 
 def _held(entry: PatchEffect) -> dict[str, float]:

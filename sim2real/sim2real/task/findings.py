@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim2real.effects import SCENE_RECORDS, VIEW_RECORDS
+from sim2real.effects import CAMERA_EFFECTS, SCENE_EFFECTS
 from sim2real.effects.catalogue import catalogue
-from sim2real.effects.saying import Value, say
+from sim2real.effects.sentences import ValueWithInterval, describe_effect
 from sim2real.report import camera_sentences as view_words
 from sim2real.report import contact_sentences as felt_words
 from sim2real.task import noise_effects as findings
@@ -33,7 +33,7 @@ class Hypothesis:
 
     name: str
     ids: tuple[str, ...]
-    sizes: dict[str, Value]
+    sizes: dict[str, ValueWithInterval]
     said: str
     parameters: dict[str, float]
 
@@ -76,7 +76,7 @@ def camera_findings(view: CameraDiagnosis | None) -> list[Finding]:
     ]
 
 
-def _view_way(effect: str, sizes: Mapping[str, Value]) -> Hypothesis:
+def _view_way(effect: str, sizes: Mapping[str, ValueWithInterval]) -> Hypothesis:
     known = EFFECTS[effect]
     parameters = dict(zip(known.quantities, (value.value for value in sizes.values())))
     return Hypothesis(effect, tuple(known.ids), dict(sizes), view_words.effect_text(effect, sizes), parameters)
@@ -92,9 +92,9 @@ def contact_findings(felt: SurfaceContactResult | ContactForceResult | None, sta
     ]
 
 
-def _felt_way(effect: str, sizes: Mapping[str, Value]) -> Hypothesis:
+def _felt_way(effect: str, sizes: Mapping[str, ValueWithInterval]) -> Hypothesis:
     parameters = {}
-    if effect in SCENE_RECORDS:
+    if effect in SCENE_EFFECTS:
         parameters = {name: value.value for name, value in felt_words.patch_values(effect, sizes).items()}
     return Hypothesis(effect, (effect,), dict(sizes), felt_words.effect_text(effect, sizes), parameters)
 
@@ -105,12 +105,12 @@ def keypoint_noise_findings(scatter: KeypointNoise | None) -> list[Finding]:
         return []
     found = []
     for effect, values in findings.visible_noise_effects(scatter).items():
-        record, first = VIEW_RECORDS[effect], next(iter(values.values()))
+        record, first = CAMERA_EFFECTS[effect], next(iter(values.values()))
         way = Hypothesis(
             effect,
             (effect,),
             dict(values),
-            say(record, str(record.part), values, "the simulator"),
+            describe_effect(record, str(record.target), values, "the simulator"),
             {k: v.value for k, v in values.items()},
         )
         found.append(Finding("scatter", (way,), gaussian_log_bayes_factor(first)))
@@ -125,9 +125,9 @@ def latency_findings(lag: ImageLatency | None) -> list[Finding]:
     return [Finding("lag", ways if lag.late.value > 0 else ways[1:], gaussian_log_bayes_factor(lag.late))]
 
 
-def latency_hypotheses(late: Value) -> tuple[Hypothesis, ...]:
+def latency_hypotheses(late: ValueWithInterval) -> tuple[Hypothesis, ...]:
     """What a stream that is late may have: the camera's latency, or its clock."""
-    delayed = say(VIEW_RECORDS["camera_latency"], "camera", {"delay": late}, "the simulator")
+    delayed = describe_effect(CAMERA_EFFECTS["camera_latency"], "camera", {"delay": late}, "the simulator")
     return (
         Hypothesis("camera_latency", ("camera_latency",), {"delay": late}, delayed, {"delay": late.value}),
         Hypothesis(
@@ -197,7 +197,7 @@ def _contradicted(way: Hypothesis, touch: SurfaceContactResult) -> bool:
     return any(apart)
 
 
-def gaussian_log_bayes_factor(value: Value) -> float:
+def gaussian_log_bayes_factor(value: ValueWithInterval) -> float:
     """By which a number is more probable than none, were it Gaussian."""
     deviation = max((value.high - value.low) / 3.92, 1e-9)
     return float(np.clip(0.5 * (value.value / deviation) ** 2, 0.0, 1e3))

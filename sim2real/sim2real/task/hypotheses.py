@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from scipy.stats import multivariate_normal
 
-from sim2real.effects.saying import Value
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.thresholds import THRESHOLDS
 
 FELT = THRESHOLDS.felt
@@ -58,9 +58,9 @@ class Named:
     explain as well in its place, with their sizes."""
 
     effect: str
-    sizes: dict[str, Value]
+    sizes: dict[str, ValueWithInterval]
     gain: float
-    rivals: dict[str, dict[str, Value]]
+    rivals: dict[str, dict[str, ValueWithInterval]]
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class HypothesisComparison:
 
     verdict: str
     named: tuple[Named, ...]
-    bounds: dict[str, Value]
+    bounds: dict[str, ValueWithInterval]
     unseen: tuple[str, ...]
 
 
@@ -106,11 +106,11 @@ def _named(measured: MeasuredChanges, value: Mapping[Names, float], best: Names,
     return Named(effect, _sizes(measured, best, effect), value[best] - value[rest], rivals)
 
 
-def _sizes(measured: MeasuredChanges, gaps: Names, effect: str) -> dict[str, Value]:
+def _sizes(measured: MeasuredChanges, gaps: Names, effect: str) -> dict[str, ValueWithInterval]:
     mean, deviation = measured.posterior(gaps)
     rows = [measured.names.index(number) for number in measured.effects[effect]]
     return {
-        measured.names[k]: Value(
+        measured.names[k]: ValueWithInterval(
             float(mean[k]), float(mean[k] - HALF_WIDTH * deviation[k]), float(mean[k] + HALF_WIDTH * deviation[k])
         )
         for k in rows

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import beta
 
 from np_description.keypoints import COUNT
-from sim2real.effects.saying import Value
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.recordings.reading import ContractViolation
 from sim2real.task.keypoint_track import KeypointTrack, find_rests
 from sim2real.thresholds import THRESHOLDS
@@ -34,11 +34,11 @@ class KeypointNoise:
 
     seconds: float
     images: int
-    spread: Value
-    memory: Value
-    share: Value
-    size: Value
-    repeated: Value | None
+    spread: ValueWithInterval
+    memory: ValueWithInterval
+    share: ValueWithInterval
+    size: ValueWithInterval
+    repeated: ValueWithInterval | None
 
 
 def estimate_keypoint_noise(track: KeypointTrack) -> KeypointNoise:
@@ -67,7 +67,7 @@ def estimate_keypoint_noise(track: KeypointTrack) -> KeypointNoise:
         seconds,
         seen // COUNT,
         _about(spread, spread / np.sqrt(2 * known)),
-        Value(memory, max(memory - HALF * memory_error, 0.0), min(memory + HALF * memory_error, 1.0)),
+        ValueWithInterval(memory, max(memory - HALF * memory_error, 0.0), min(memory + HALF * memory_error, 1.0)),
         _proportion(share * seen, seen),
         _about(size, size / np.sqrt(2 * 2 * max(share * seen, 1.0))),
         _repeated(fresh, spread),
@@ -138,7 +138,7 @@ def _memory(inside: Sequence[np.ndarray], spread: float) -> tuple[float, float, 
     return memory, float(max(among, np.sqrt((1 - memory**2) / counts.sum()))), spread / np.sqrt(1 - taken)
 
 
-def _repeated(fresh: np.ndarray, spread: float) -> Value | None:
+def _repeated(fresh: np.ndarray, spread: float) -> ValueWithInterval | None:
     """Of all images where corners scatter; else of those between two that differ, which are not so far apart that it rested."""
     if spread > SCATTER.finest:
         return _proportion(float((~fresh[1:]).sum()), len(fresh) - 1)
@@ -149,12 +149,12 @@ def _repeated(fresh: np.ndarray, spread: float) -> Value | None:
     return _proportion(float((between - 1).sum()), int(between.sum()))
 
 
-def _proportion(count: float, of: int) -> Value:
+def _proportion(count: float, of: int) -> ValueWithInterval:
     """Clopper and Pearson's interval."""
     low = beta.ppf(0.025, count, of - count + 1) if count > 0 else 0.0
     high = beta.ppf(0.975, count + 1, of - count) if count < of else 1.0
-    return Value(count / of, float(low), float(high))
+    return ValueWithInterval(count / of, float(low), float(high))
 
 
-def _about(value: float, error: float) -> Value:
-    return Value(float(value), float(max(value - HALF * error, 0.0)), float(value + HALF * error))
+def _about(value: float, error: float) -> ValueWithInterval:
+    return ValueWithInterval(float(value), float(max(value - HALF * error, 0.0)), float(value + HALF * error))

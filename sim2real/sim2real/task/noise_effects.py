@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from sim2real.effects import VIEW_RECORDS
-from sim2real.effects.saying import Value, say
+from sim2real.effects import CAMERA_EFFECTS
+from sim2real.effects.sentences import ValueWithInterval, describe_effect
 from sim2real.task.keypoint_noise import KeypointNoise
 from sim2real.thresholds import THRESHOLDS
 
-NOBODYS = Value(0.0, 0.0, 0.0)
+NOBODYS = ValueWithInterval(0.0, 0.0, 0.0)
 
 
-def visible_noise_effects(found: KeypointNoise) -> dict[str, dict[str, Value]]:
+def visible_noise_effects(found: KeypointNoise) -> dict[str, dict[str, ValueWithInterval]]:
     """Parameters by effect, of those that are visible: the whole interval is beyond the limit that the effect declares."""
     named = {
         "keypoint_noise": ("spread", {"spread": found.spread, "memory": found.memory}),
         "keypoint_outliers": ("share", {"share": found.share, "size": found.size}),
         "frame_drop": ("share", {"share": found.repeated or NOBODYS}),
     }
-    seen = {name: values for name, (size, values) in named.items() if values[size].low > VIEW_RECORDS[name].seen.limit}
+    seen = {
+        name: values
+        for name, (size, values) in named.items()
+        if values[size].low > CAMERA_EFFECTS[name].detection_limit.limit
+    }
     if found.spread.value < THRESHOLDS.scatter.noiseless:
         seen.pop("frame_drop", None)  # an object that rests looks the same in every image
     if found.size.low < THRESHOLDS.scatter.gross:  # the long tail of a small scatter harms nobody
@@ -30,7 +34,7 @@ def visible_noise_effects(found: KeypointNoise) -> dict[str, dict[str, Value]]:
 def sentences(found: KeypointNoise) -> list[str]:
     """What was found, in words."""
     said = [
-        say(VIEW_RECORDS[name], str(VIEW_RECORDS[name].part), values, "the simulator")
+        describe_effect(CAMERA_EFFECTS[name], str(CAMERA_EFFECTS[name].target), values, "the simulator")
         for name, values in visible_noise_effects(found).items()
     ]
     lines = [f"{text[0].upper()}{text[1:]}." for text in said]
@@ -42,7 +46,7 @@ def document(found: KeypointNoise) -> dict:
     patch = [
         {
             "effect": name,
-            "component": str(VIEW_RECORDS[name].part),
+            "component": str(CAMERA_EFFECTS[name].target),
             "parameters": {key: value.value for key, value in values.items()},
         }
         for name, values in visible_noise_effects(found).items()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim2real.effects.sums import SURE_SPEED
+from sim2real.effects.recurrences import SURE_SPEED
 from sim2real.thresholds.entry import DEVELOPMENT, JUDGEMENT, NUMERICS, threshold
 
 

@@ -1,4 +1,4 @@
-"""The view of a patch in every world at once: sim2real.effects.view_effects for tensors, and images that are late.
+"""The view of a patch in every world at once: sim2real.effects.camera_effects for tensors, and images that are late.
 
 Camera, lens and age are the records' own. What is random about keypoints comes from the same hooks too, an image at a time, with tensors in
 place of NumPy's arrays.
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import torch
 from sim2real.effects.patch import Patch
-from sim2real.effects.view_record import Disturbance
+from sim2real.effects.effect import Disturbance
 
 from np_description.camera import CAMERA
 from np_description.keypoints import COUNT
@@ -20,7 +20,7 @@ IMAGES = 3  # in a policy period, at the camera's 30 Hz
 
 @dataclass(frozen=True)
 class _Draws:
-    """What a record draws from, for `worlds` images side by side."""
+    """What a effect draws from, for `worlds` images side by side."""
 
     worlds: int
     device: torch.device
@@ -36,31 +36,31 @@ class BatchedView:
     """Where the corners of objects are found by a camera that is believed to be CAMERA. age: s by which images are late."""
 
     def __init__(self, patch: Patch = Patch()) -> None:
-        self._effects = [(e.record, e.values) for e in patch.view.effects]
+        self._effects = [(e.definition, e.values) for e in patch.camera.effects]
         self.camera = CAMERA
-        for record, given in self._effects:
-            if record.pose:
-                self.camera = record.pose(self.camera, given)
-        self.age = max(0.0, sum(record.age(given, 0.0) for record, given in self._effects if record.age))
+        for effect, given in self._effects:
+            if effect.camera_pose:
+                self.camera = effect.camera_pose(self.camera, given)
+        self.age = max(0.0, sum(effect.image_age(given, 0.0) for effect, given in self._effects if effect.image_age))
         self._left: dict[str, torch.Tensor] = {}
 
     def keypoints(self, points: torch.Tensor, is_first: bool = False) -> torch.Tensor:
         """Normalised image coordinates (n, 8, 2) of corners (n, 8, 3) m in the base frame; is_first: of images that none was before."""
         pixels = self.camera.project(points)[0]
-        for record, given in self._effects:
-            if record.lens:
-                pixels = record.lens(pixels, CAMERA, given)
+        for effect, given in self._effects:
+            if effect.lens:
+                pixels = effect.lens(pixels, CAMERA, given)
         draws, nothing = _Draws(len(points), points.device), torch.zeros_like(pixels)
-        for record, given in self._effects:
-            if not record.move:
+        for effect, given in self._effects:
+            if not effect.move_keypoints:
                 continue
-            last = self._left.get(record.id) if record.kept and not is_first else None
+            last = self._left.get(effect.id) if effect.has_memory and not is_first else None
             for _ in range(1 if last is None else IMAGES):
-                last = record.move(Disturbance(given, draws, nothing if last is None else last))
+                last = effect.move_keypoints(Disturbance(given, draws, nothing if last is None else last))
             moved = torch.as_tensor(last, dtype=pixels.dtype, device=pixels.device)
             pixels = pixels + moved
-            if record.kept and not is_first:
-                self._left[record.id] = moved
+            if effect.has_memory and not is_first:
+                self._left[effect.id] = moved
         return CAMERA.normalise(pixels)
 
 

@@ -16,7 +16,10 @@ from np_training.physics.batched_gravity import BatchedHold
 def batched_effects(patch: Patch, period: float, device: str) -> ArmEffects | None:
     """What the patch does in every world beside the numbers of the rigid-body model; None where that is nothing. Its arrays are
     tensors (worlds, 7) on the device; period: s between its steps."""
-    if not any(e.record.weight or e.record.drive or e.record.joints or e.record.sensors for e in patch.arm.effects):
+    if not any(
+        e.definition.gravity_error or e.definition.drive or e.definition.joints or e.definition.sensors
+        for e in patch.arm.effects
+    ):
         return None
     return ArmEffects(patch, period, arrays=Arrays(partial(_tensor, device), partial(BatchedHold, device)))
 

@@ -1,4 +1,4 @@
-"""The torque that holds many arms against gravity: sim2real.effects.weight.Hold, one thread a posture."""
+"""The torque that holds many arms against gravity: sim2real.effects.gravity.GravityTorque, one thread a posture."""
 
 from __future__ import annotations
 

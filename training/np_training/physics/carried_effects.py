@@ -8,20 +8,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sim2real.effects import RECORDS, SCENE_RECORDS, VIEW_RECORDS
+from sim2real.effects import EFFECTS
 from sim2real.effects.patch import Patch, load_patch
 
-CARRIED = tuple(
-    record.id
-    for records in (RECORDS, VIEW_RECORDS, SCENE_RECORDS)
-    for record in records.values()
-    if "training" in record.carriers
-)
+CARRIED = tuple(effect.id for effect in EFFECTS.values() if "training" in effect.supported_in)
 
 
 def check_carried(patch: Patch) -> None:
     """Raise ValueError naming the effects that no simulator carries."""
-    others = sorted({f"{e.effect} at {e.component}" for e in patch.effects if "training" not in e.record.carriers})
+    others = sorted(
+        {f"{e.effect} at {e.component}" for e in patch.effects if "training" not in e.definition.supported_in}
+    )
     if others:
         raise ValueError(
             f"effects: training carries {', '.join(CARRIED)}; expected a patch of these, got {', '.join(others)}. Take them out"

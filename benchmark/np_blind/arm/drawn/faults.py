@@ -1,6 +1,6 @@
 """The faults an arm of the blind test may have: the arm-side effects of the catalogue, and what no catalogue has.
 
-A fault has a size in multiples of its declared detection limit (`sim2real.effects.record.Visible`). Parameters that the
+A fault has a size in multiples of its declared detection limit (`sim2real.effects.effect.DetectionLimit`). Parameters that the
 key names are changes against the nominal arm; torques are those that resist the motion.
 """
 
@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from sim2real.effects import RECORDS
-from sim2real.effects.record import Visible
+from sim2real.effects import ARM_EFFECTS
+from sim2real.effects.effect import DetectionLimit
 
 from np_blind.arm.plant.physics import Physics
 from np_blind.arm.plant.rigid_arm import nominal_inertials, tcp_in_link7
@@ -48,9 +48,9 @@ class Fault:
         return ARM if self.joint is None else JOINT_NAMES[self.joint]
 
 
-def visible(effect: str) -> Visible:
+def visible(effect: str) -> DetectionLimit:
     """The declared limit of an effect: what counts as size 1."""
-    return RECORDS[effect].visible
+    return ARM_EFFECTS[effect].detection_limit
 
 
 def limit_of(effect: str, joint: int | None) -> float:

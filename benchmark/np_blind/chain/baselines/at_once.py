@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim2real.effects import SCENE_RECORDS, VIEW_RECORDS
+from sim2real.effects import CAMERA_EFFECTS, SCENE_EFFECTS
 from sim2real.effects.patch import Patch, PatchEffect
 from sim2real.task.contact_force.fit import NominalContact
 from sim2real.task.diagnosis import TaskDiagnosis
@@ -45,8 +45,8 @@ def at_once(found: TaskDiagnosis) -> AtOnce:
         for axis in "xy":
             off = found.meeting.explained.bounds[axis]
             put("camera_extrinsics", axis, -off.value, -off.high, -off.low)
-    records = {**SCENE_RECORDS, **VIEW_RECORDS}
+    records = {**SCENE_EFFECTS, **CAMERA_EFFECTS}
     if "camera_latency" in values:  # a picture does not come before it is taken
         values["camera_latency"]["delay"] = max(0.0, values["camera_latency"]["delay"])
-    entries = (PatchEffect(effect, str(records[effect].part), given) for effect, given in values.items())
+    entries = (PatchEffect(effect, str(records[effect].target), given) for effect, given in values.items())
     return AtOnce(Patch(tuple(entries)), sorted(named))

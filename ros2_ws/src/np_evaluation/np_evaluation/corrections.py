@@ -21,8 +21,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
+from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch
-from sim2real.effects.view_effects import ViewEffects
 
 from np_control.dynamics import Dynamics
 from np_description.camera import CAMERA, Camera
@@ -67,7 +67,7 @@ def corrections(patch: Patch, left: Collection[str] = ()) -> Corrections:
         whose = "camera" if effect.effect in OF_CAMERA else "arm" if effect.effect in OF_DRIVER else "remaining"
         by["delay" if effect.effect == LATENCY else whose].append(effect)
     return Corrections(
-        ViewEffects(Patch(tuple(by["camera"]))).camera,
+        CameraEffects(Patch(tuple(by["camera"]))).camera,
         float(sum(effect.get("delay") for effect in by["delay"])),
         Patch(tuple(by["arm"])),
         Patch(tuple(by["remaining"])),

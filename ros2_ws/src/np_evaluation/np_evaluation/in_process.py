@@ -11,8 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch
-from sim2real.effects.view_effects import ViewEffects
 
 from np_control.controller import Controller
 from np_control.safety import Refusal, SafetyFilter
@@ -109,7 +109,7 @@ class OneProcess:
             first_episode=number,
             engine=self._engine,
             scenario=scenario,
-            camera=ViewEffects(self._patch, CAMERA, self._seed).camera if self._images else CAMERA,
+            camera=CameraEffects(self._patch, CAMERA, self._seed).camera if self._images else CAMERA,
             patch=self._patch,
         )
         eyes = self._eyes()
@@ -181,7 +181,7 @@ class Eyes:
 
     def __init__(self, domain: Domain, patch: Patch, seed: int):
         self._domain = domain
-        self._view = ViewEffects(patch, CAMERA, seed) if patch.view.effects else None
+        self._view = CameraEffects(patch, CAMERA, seed) if patch.camera.effects else None
         self._corners = SeenCorners(np.asarray(domain.half_size), self._view.oldest if self._view else 0.0)
         self._pose, self._next = None, 0
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch
-from sim2real.effects.view_effects import ViewEffects
 
 from np_description.camera import CAMERA
 from np_description.domains import Domain
@@ -31,7 +31,7 @@ class DetectorEyes:
 
     def begin(self) -> None:
         """An episode begins."""
-        self._view = View(ViewEffects(self._patch, CAMERA, self._seed))
+        self._view = View(CameraEffects(self._patch, CAMERA, self._seed))
 
     def look(self, arm: Simulation) -> None:
         """Once a control period: remember the scene where an image may show it later."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from sim2real.effects.view_effects import ViewEffects
+from sim2real.effects.camera_effects import CameraEffects
 
 from np_sim_bridge.imaging import CameraThread
 from np_sim_bridge.renderer import Renderer
@@ -22,7 +22,7 @@ class SimulatedCamera:
     def __init__(
         self,
         make: Callable[[], Renderer],
-        effects: ViewEffects,
+        effects: CameraEffects,
         deliver: Callable[[int, np.ndarray], None],
         *,
         wait: bool,

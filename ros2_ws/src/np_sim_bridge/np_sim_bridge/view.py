@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-from sim2real.effects.view_effects import ViewEffects
+from sim2real.effects.camera_effects import CameraEffects
 
 from np_sim_bridge.schedule import PERIOD, SECOND
 
@@ -19,7 +19,7 @@ Moment = tuple[int, np.ndarray]
 class View:
     """The scene's latest configurations, and the pictures of them."""
 
-    def __init__(self, effects: ViewEffects):
+    def __init__(self, effects: CameraEffects):
         self._effects = effects
         self._needs_past = effects.oldest > 0 or effects.repeats
         self._past: deque[Moment] = deque(maxlen=2 + int(np.ceil(effects.oldest * SECOND / PERIOD)))
@@ -53,7 +53,7 @@ class View:
         return cv2.remap(pixels, self._map, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
-def _inverse_map(effects: ViewEffects) -> np.ndarray:
+def _inverse_map(effects: CameraEffects) -> np.ndarray:
     """Pixels (height, width, 2) of the ideal image that the true one shows at each of its own."""
     camera = effects.believed
     shown = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1).astype(float)

@@ -8,27 +8,26 @@ import numpy as np
 
 from np_common.rotations import matrix_from_vector
 from np_description.camera import Camera
-from sim2real.effects.record import Quantity
-from sim2real.effects.view_record import Given, Part, Seen, ViewRecord
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, QuantityValues, Target
 
 
-def _moved(camera: Camera, given: Given) -> Camera:
+def _moved(camera: Camera, values: QuantityValues) -> Camera:
     """Moved by x, y, z and turned by the rotation vector, both in axes of the base."""
-    turn = matrix_from_vector(np.array([given["turn_x"], given["turn_y"], given["turn_z"]]))
-    position = np.asarray(camera.position) + [given["x"], given["y"], given["z"]]
+    turn = matrix_from_vector(np.array([values["turn_x"], values["turn_y"], values["turn_z"]]))
+    position = np.asarray(camera.position) + [values["x"], values["y"], values["z"]]
     rotation = turn @ np.asarray(camera.rotation)
     return replace(camera, position=tuple(position.tolist()), rotation=tuple(map(tuple, rotation.tolist())))
 
 
-RECORD = ViewRecord(
+EFFECT = Effect(
     "camera_extrinsics",
-    Part.CAMERA,
+    Target.CAMERA,
     (
         *(Quantity(axis, "m", -0.1, 0.1) for axis in "xyz"),
         *(Quantity(f"turn_{axis}", "rad", -0.2, 0.2) for axis in "xyz"),
     ),
-    Seen("m", 0.002),
-    "the camera is {x:mm}, {y:mm}, {z:mm} from where it is believed to be (x, y, z), and turned by {turn_x:deg}, {turn_y:deg}, "
+    detection_limit=DetectionLimit("m", 0.002, largest=8.0),
+    sentence_template="the camera is {x:mm}, {y:mm}, {z:mm} from where it is believed to be (x, y, z), and turned by {turn_x:deg}, {turn_y:deg}, "
     "{turn_z:deg}",
-    pose=_moved,
+    camera_pose=_moved,
 )

@@ -6,26 +6,25 @@ import numpy as np
 
 from np_common.rotations import namespace
 from np_description.camera import Camera
-from sim2real.effects.record import Quantity
-from sim2real.effects.view_record import Given, Part, Seen, ViewRecord
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, QuantityValues, Target
 
 
-def _lens(pixels: np.ndarray, camera: Camera, given: Given) -> np.ndarray:
-    scale = 1.0 + given["focal"]
-    u = camera.cx + scale * (pixels[..., 0] - camera.cx) + given["centre_u"]
-    v = camera.cy + scale * (pixels[..., 1] - camera.cy) + given["centre_v"]
+def _lens(pixels: np.ndarray, camera: Camera, values: QuantityValues) -> np.ndarray:
+    scale = 1.0 + values["focal"]
+    u = camera.cx + scale * (pixels[..., 0] - camera.cx) + values["centre_u"]
+    v = camera.cy + scale * (pixels[..., 1] - camera.cy) + values["centre_v"]
     return namespace(pixels).stack([u, v], axis=-1)
 
 
-RECORD = ViewRecord(
+EFFECT = Effect(
     "camera_intrinsics",
-    Part.CAMERA,
+    Target.CAMERA,
     (
         Quantity("focal", "1", -0.1, 0.1),
         Quantity("centre_u", "px", -20.0, 20.0),
         Quantity("centre_v", "px", -20.0, 20.0),
     ),
-    Seen("1", 0.004),
-    "the camera's focal length is {focal:% more/less}, its centre {centre_u:px}, {centre_v:px} to the right and below",
+    detection_limit=DetectionLimit("1", 0.004, largest=8.0),
+    sentence_template="the camera's focal length is {focal:% more/less}, its centre {centre_u:px}, {centre_v:px} to the right and below",
     lens=_lens,
 )

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from sim2real.effects.record import Quantity
-from sim2real.effects.view_record import Part, Seen, ViewRecord
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 
-RECORD = ViewRecord(
+EFFECT = Effect(
     "camera_latency",
-    Part.CAMERA,
+    Target.CAMERA,
     (Quantity("delay", "s", -0.3, 0.3),),
-    Seen("s", 0.003, largest=40.0),
-    "images show the scene {delay:ms earlier/later} than their stamps say",
-    age=lambda given, stamp: given["delay"],
+    detection_limit=DetectionLimit("s", 0.003, largest=40.0),
+    sentence_template="images show the scene {delay:ms earlier/later} than their stamps say",
+    image_age=lambda values, stamp: values["delay"],
 )

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from sim2real.effects.record import Quantity
-from sim2real.effects.view_record import Part, Seen, ViewRecord
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 
-RECORD = ViewRecord(
+EFFECT = Effect(
     "clock_offset",
-    Part.CAMERA,
+    Target.CAMERA,
     (Quantity("offset", "s", -0.5, 0.5), Quantity("drift", "1", -1e-3, 1e-3)),
-    Seen("s", 0.003, largest=100.0),
-    "the camera's clock is {offset:ms ahead/behind} and gains {drift:ppm}",
-    age=lambda given, stamp: given["offset"] + given["drift"] * stamp,
+    detection_limit=DetectionLimit("s", 0.003, largest=100.0),
+    sentence_template="the camera's clock is {offset:ms ahead/behind} and gains {drift:ppm}",
+    image_age=lambda values, stamp: values["offset"] + values["drift"] * stamp,
 )

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from sim2real.effects.record import Quantity
-from sim2real.effects.view_record import Part, Seen, ViewRecord
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 
-RECORD = ViewRecord(
+EFFECT = Effect(
     "frame_drop",
-    Part.CAMERA,
+    Target.CAMERA,
     (Quantity("share", "1", 0.0, 0.9),),
-    Seen("1", 0.02),
-    "{share:%} of the images show the one before again",
-    repeats=lambda given: given["share"],
+    detection_limit=DetectionLimit("1", 0.02, largest=8.0),
+    sentence_template="{share:%} of the images show the one before again",
+    repeats=lambda values: values["share"],
 )

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from sim2real.effects.record import Quantity
-from sim2real.effects.view_record import Part, Seen, ViewRecord
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 
-RECORD = ViewRecord(
+EFFECT = Effect(
     "rolling_shutter",
-    Part.CAMERA,
+    Target.CAMERA,
     (Quantity("duration", "s", 0.0, 0.1),),
-    Seen("s", 0.006),
-    "an image takes {duration:ms} from its first row to its last",
-    rows=lambda given: given["duration"],
+    detection_limit=DetectionLimit("s", 0.006, largest=8.0),
+    sentence_template="an image takes {duration:ms} from its first row to its last",
+    readout_time=lambda values: values["duration"],
 )

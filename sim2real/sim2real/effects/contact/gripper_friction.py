@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sim2real.effects.record import Quantity
-from sim2real.effects.scene_record import SceneRecord, Whose
-from sim2real.effects.view_record import Seen
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 
-RECORD = SceneRecord(
+EFFECT = Effect(
     "gripper_friction",
-    Whose.CONTACT,
+    Target.CONTACT,
     (Quantity("relative", "1", -0.9, 2.0),),
-    Seen("1", 0.06),
-    "the object has {relative:% more/less} friction with a fingertip",
-    lambda scene, given: replace(scene, finger=scene.finger * (1 + given["relative"])),
+    detection_limit=DetectionLimit("1", 0.06, largest=8.0),
+    sentence_template="the object has {relative:% more/less} friction with a fingertip",
+    modify_scene=lambda scene, values: replace(scene, finger=scene.finger * (1 + values["relative"])),
 )

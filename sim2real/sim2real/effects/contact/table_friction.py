@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sim2real.effects.record import Quantity
-from sim2real.effects.scene_record import SceneRecord, Whose
-from sim2real.effects.view_record import Seen
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 
-RECORD = SceneRecord(
+EFFECT = Effect(
     "table_friction",
-    Whose.CONTACT,
+    Target.CONTACT,
     (Quantity("relative", "1", -0.8, 2.0),),
-    Seen("1", 0.08),
-    "the object has {relative:% more/less} friction with the table",
-    lambda scene, given: replace(scene, table=scene.table * (1 + given["relative"])),
+    detection_limit=DetectionLimit("1", 0.08, largest=8.0),
+    sentence_template="the object has {relative:% more/less} friction with the table",
+    modify_scene=lambda scene, values: replace(scene, table=scene.table * (1 + values["relative"])),
 )

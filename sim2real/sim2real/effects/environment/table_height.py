@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sim2real.effects.record import Quantity
-from sim2real.effects.scene_record import SceneRecord, Whose
-from sim2real.effects.view_record import Seen
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 
-RECORD = SceneRecord(
+EFFECT = Effect(
     "table_height",
-    Whose.ENVIRONMENT,
+    Target.ENVIRONMENT,
     (Quantity("height", "m", -0.03, 0.03),),
-    Seen("m", 0.001),
-    "the table is {height:mm higher/lower}",
-    lambda scene, given: replace(scene, lift=scene.lift + given["height"]),
+    detection_limit=DetectionLimit("m", 0.001, largest=8.0),
+    sentence_template="the table is {height:mm higher/lower}",
+    modify_scene=lambda scene, values: replace(scene, lift=scene.lift + values["height"]),
     in_training=False,
 )

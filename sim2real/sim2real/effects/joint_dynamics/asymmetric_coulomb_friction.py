@@ -6,13 +6,13 @@ from functools import partial
 
 import numpy as np
 
-from sim2real.effects.behaviour import Resistance, Values, direction
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.panda_changes import added
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Shape, Signature, stack
+from sim2real.effects.hooks import HookContext, ResistanceFunction, smooth_direction
+from sim2real.effects.joint_arrays import add_to_joints
+from sim2real.effects.recurrences import bristle_deflection
+from sim2real.effects.regressor import EffectRegressor, NonlinearParameter, Parameter, stack
 from sim2real.effects.stage import Stage
-from sim2real.effects.sums import bent
 
 POSITIVE, NEGATIVE = Quantity("level_positive", "Nm", -4.0, 4.0), Quantity("level_negative", "Nm", -4.0, 4.0)
 REACH = Quantity("reach", "rad", 0.0, 0.05)  # half of the way on which it turns over; no simulated arm has it
@@ -27,10 +27,10 @@ def _levels(lower: float) -> tuple[Parameter, ...]:
     return tuple(Parameter(q.name, "Nm", lower, q.upper, 0.3) for q in (POSITIVE, NEGATIVE))
 
 
-def _at_once(lower: float) -> Signature:
+def _at_once(lower: float) -> EffectRegressor:
     """From the one level to the other through their mean: the forces of Coulomb friction with an offset, at a turn as well,
     or turns would seem to tell the two apart."""
-    return Signature(
+    return EffectRegressor(
         "asymmetric_coulomb_friction",
         _levels(lower),
         {Stage.DYNAMICS: lambda c, j: stack(*_ways(c.prediction.direction[:, j]))},
@@ -38,16 +38,16 @@ def _at_once(lower: float) -> Signature:
     )
 
 
-def _late(reach: float, lower: float) -> Signature:
+def _late(reach: float, lower: float) -> EffectRegressor:
     """The same on bristles that a reversal bends by twice the reach, rad. As presliding friction with an offset these would be
     two effects in place of one."""
-    return Signature(
+    return EffectRegressor(
         "asymmetric_coulomb_friction",
         (*_levels(lower), _TAKEN_ALONG),
         {Stage.DYNAMICS: partial(_bristles, reach=reach)},
         "Prandtl 1928: a bristle that bends, then slides",
         f"turns over within {1e3 * reach:.3g} mrad",
-        Shape(REACH.name, "rad", reach, partial(_late, lower=lower), upper=MOST),
+        NonlinearParameter(REACH.name, "rad", reach, partial(_late, lower=lower), upper=MOST),
     )
 
 
@@ -57,30 +57,30 @@ def _ways(turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bristles(c: Context, j: int, reach: float) -> np.ndarray:
-    turned = c.samples.filtered(j, lambda q, v: bent(q, reach))
+    turned = c.samples.filtered(j, lambda q, v: bristle_deflection(q, reach))
     return stack(*_ways(turned), c.arm.frictionloss[j] * (turned - c.prediction.direction[:, j]))
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     lower = -float(context.arm.frictionloss.max())
     return [_at_once(lower), *(_late(reach, lower) for reach in REACHES)]
 
 
-def _uneven(values: Values) -> Resistance:
+def _uneven(values: HookContext) -> ResistanceFunction:
     # Half the sum of both levels slows both ways (`panda`); half their difference is a torque of one sign.
     half = 0.5 * (values("level_positive") - values("level_negative"))
-    return lambda q, dq: half * abs(direction(dq))
+    return lambda q, dq: half * abs(smooth_direction(dq))
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "asymmetric_coulomb_friction",
-    Place.JOINT,
+    Target.JOINT,
     (POSITIVE, NEGATIVE, REACH),
-    _signatures,
-    Visible("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
-    panda=lambda panda, component, v: added(
+    _regressors,
+    DetectionLimit("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
+    modify_rigid_body=lambda panda, component, v: add_to_joints(
         panda, "frictionloss", component, 0.5 * (v["level_positive"] + v["level_negative"])
     ),
     joints=_uneven,
-    said="{at} has {level_positive:Nm more/less} dry friction when it turns forwards and {level_negative:Nm more/less} backwards",
+    sentence_template="{at} has {level_positive:Nm more/less} dry friction when it turns forwards and {level_negative:Nm more/less} backwards",
 )

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2real.effects.behaviour import Resistance, Values
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.panda_changes import added
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.hooks import HookContext, ResistanceFunction
+from sim2real.effects.joint_arrays import add_to_joints
+from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
 
 POSITIVE = Quantity("coefficient_positive", "Nms/rad", -8.0, 8.0)
 NEGATIVE = Quantity("coefficient_negative", "Nms/rad", -8.0, 8.0)
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     lower = -float(context.arm.damping.max())
     return [
-        Signature(
+        EffectRegressor(
             "asymmetric_viscous_friction",
             tuple(Parameter(q.name, "Nms/rad", lower, q.upper, 0.3) for q in (POSITIVE, NEGATIVE)),
             {
@@ -32,20 +32,20 @@ def _signatures(context: Context) -> list[Signature]:
     ]
 
 
-def _uneven(values: Values) -> Resistance:
+def _uneven(values: HookContext) -> ResistanceFunction:
     half = 0.5 * (values("coefficient_positive") - values("coefficient_negative"))
     return lambda q, dq: half * abs(dq)
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "asymmetric_viscous_friction",
-    Place.JOINT,
+    Target.JOINT,
     (POSITIVE, NEGATIVE),
-    _signatures,
-    Visible("Nms/rad", (0.08, 0.08, 0.07, 0.07, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),
-    panda=lambda panda, component, v: added(
+    _regressors,
+    DetectionLimit("Nms/rad", (0.08, 0.08, 0.07, 0.07, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),
+    modify_rigid_body=lambda panda, component, v: add_to_joints(
         panda, "damping", component, 0.5 * (v["coefficient_positive"] + v["coefficient_negative"])
     ),
     joints=_uneven,
-    said="{at} has {coefficient_positive:Nms/rad more/less} friction by speed when it turns forwards and {coefficient_negative:Nms/rad more/less} backwards",
+    sentence_template="{at} has {coefficient_positive:Nms/rad more/less} friction by speed when it turns forwards and {coefficient_negative:Nms/rad more/less} backwards",
 )

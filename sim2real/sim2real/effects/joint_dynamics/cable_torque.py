@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from np_description.panda import NOMINAL
-from sim2real.effects.behaviour import Resistance, Values
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.hooks import HookContext, ResistanceFunction
+from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
 
 STIFFNESS, OFFSET = Quantity("stiffness", "Nm/rad", 0.0, 3.0), Quantity("offset", "Nm", -1.0, 1.0)
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     return [
-        Signature(
+        EffectRegressor(
             "cable_torque",
             (
                 Parameter("stiffness", "Nm/rad", STIFFNESS.lower, STIFFNESS.upper, 0.3),
@@ -28,17 +28,17 @@ def _signatures(context: Context) -> list[Signature]:
     ]
 
 
-def _pull(values: Values) -> Resistance:
+def _pull(values: HookContext) -> ResistanceFunction:
     stiffness, offset, slack = values("stiffness"), values("offset"), values.arrays.array(NOMINAL.ready)
     return lambda q, dq: stiffness * (q - slack) + offset
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "cable_torque",
-    Place.JOINT,
+    Target.JOINT,
     (STIFFNESS, OFFSET),
-    _signatures,
-    Visible("Nm/rad", (0.08, 0.06, 0.06, 0.06, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),
+    _regressors,
+    DetectionLimit("Nm/rad", (0.08, 0.06, 0.06, 0.06, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),
     joints=_pull,
-    said="a cable or hose pulls at {at}: {stiffness:Nm/rad} as a spring and {offset:Nm} in the rest posture",
+    sentence_template="a cable or hose pulls at {at}: {stiffness:Nm/rad} as a spring and {offset:Nm} in the rest posture",
 )

@@ -6,18 +6,18 @@ import numpy as np
 
 from np_description.panda import NOMINAL
 from sim2real.effects.background import WEIGHT_KNOWN
-from sim2real.effects.behaviour import Resistance, Values, direction
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.hooks import HookContext, ResistanceFunction, smooth_direction
+from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
 
 COEFFICIENT = Quantity("coefficient", "1", 0.0, 0.5)
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     return [
-        Signature(
+        EffectRegressor(
             "load_dependent_friction",
             (Parameter("coefficient", "1", COEFFICIENT.lower, COEFFICIENT.upper, 0.05),),
             {Stage.DYNAMICS: lambda c, j: stack(np.abs(c.prediction.load[:, j]) * c.prediction.direction[:, j])},
@@ -27,17 +27,17 @@ def _signatures(context: Context) -> list[Signature]:
     ]
 
 
-def _by_load(values: Values) -> Resistance:
+def _by_load(values: HookContext) -> ResistanceFunction:
     coefficient, hold = values("coefficient"), values.arrays.hold(NOMINAL)
-    return lambda q, dq: coefficient * abs(hold(q)) * direction(dq)
+    return lambda q, dq: coefficient * abs(hold(q)) * smooth_direction(dq)
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "load_dependent_friction",
-    Place.JOINT,
+    Target.JOINT,
     (COEFFICIENT,),
-    _signatures,
-    Visible("1", (0.02, 0.004, 0.008, 0.004, 0.02, 0.015, 0.03), (2, 3, 4, 6), largest=8),
+    _regressors,
+    DetectionLimit("1", (0.02, 0.004, 0.008, 0.004, 0.02, 0.015, 0.03), (2, 3, 4, 6), largest=8),
     joints=_by_load,
-    said="{at} has dry friction that is {coefficient:%} of its load",
+    sentence_template="{at} has dry friction that is {coefficient:%} of its load",
 )

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from np_common.rotations import namespace
-from sim2real.effects.behaviour import Resistance, Values
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Shape, Signature, stack
+from sim2real.effects.hooks import HookContext, ResistanceFunction
+from sim2real.effects.recurrences import dahl_state
+from sim2real.effects.regressor import EffectRegressor, NonlinearParameter, Parameter, stack
 from sim2real.effects.stage import Stage
-from sim2real.effects.sums import dahl
 
 LEVEL, STROKE = Quantity("level", "Nm", 0.0, 4.0), Quantity("stroke", "rad", 0.0, 0.5)
 STROKES = tuple(0.003 * 1.4**n for n in range(9))  # rad: so fine that the best one leaves nothing to other effects
@@ -18,27 +18,27 @@ STROKES = tuple(0.003 * 1.4**n for n in range(9))  # rad: so fine that the best 
 MOST = 0.045
 
 
-def _signature(stroke: float) -> Signature:
+def _regressor(stroke: float) -> EffectRegressor:
     """More friction, of a kind that builds up."""
 
     def columns(c: Context, j: int) -> np.ndarray:
-        return stack(c.samples.filtered(j, lambda q, v: dahl(q, stroke)))
+        return stack(c.samples.filtered(j, lambda q, v: dahl_state(q, stroke)))
 
-    return Signature(
+    return EffectRegressor(
         "presliding_friction",
         (Parameter("level", "Nm", LEVEL.lower, LEVEL.upper, 0.4),),
         {Stage.DYNAMICS: columns},
         "Dahl 1968: dF/dx = (Fc - F sgn v) / x0",
         f"{1e3 * stroke:.3g} mrad",
-        Shape("stroke", "rad", stroke, _signature, upper=MOST),
+        NonlinearParameter("stroke", "rad", stroke, _regressor, upper=MOST),
     )
 
 
-def _signatures(context: Context) -> list[Signature]:
-    return [_signature(stroke) for stroke in STROKES]
+def _regressors(context: Context) -> list[EffectRegressor]:
+    return [_regressor(stroke) for stroke in STROKES]
 
 
-def _bristles(values: Values) -> Resistance:
+def _bristles(values: HookContext) -> ResistanceFunction:
     level, stroke = values("level"), values("stroke").clip(1e-4)
     bristle, last = 0.0 * level, None
 
@@ -53,12 +53,12 @@ def _bristles(values: Values) -> Resistance:
     return resist
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "presliding_friction",
-    Place.JOINT,
+    Target.JOINT,
     (LEVEL, STROKE),
-    _signatures,
-    Visible("Nm", (0.09, 0.09, 0.08, 0.08, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),
+    _regressors,
+    DetectionLimit("Nm", (0.09, 0.09, 0.08, 0.08, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),
     joints=_bristles,
-    said="{at} has {level:Nm} of dry friction that builds up over {stroke:mrad} after each reversal",
+    sentence_template="{at} has {level:Nm} of dry friction that builds up over {stroke:mrad} after each reversal",
 )

@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from np_common.rotations import namespace
-from sim2real.effects.behaviour import Resistance, Values
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.hooks import HookContext, ResistanceFunction
+from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
 
 SINE, COSINE = Quantity("sine", "Nm", -3.0, 3.0), Quantity("cosine", "Nm", -3.0, 3.0)
 ORDER = Quantity("order", "1/rad", 0.0, 1000.0)
 
 
-def _signature(joint: int, order: int) -> Signature:
-    return Signature(
+def _regressor(joint: int, order: int) -> EffectRegressor:
+    return EffectRegressor(
         "torque_ripple",
         tuple(Parameter(q.name, "Nm", q.lower, q.upper, 0.1) for q in (SINE, COSINE)),
         {
@@ -32,22 +32,22 @@ def _signature(joint: int, order: int) -> Signature:
     )
 
 
-def _signatures(context: Context) -> list[Signature]:
-    return [_signature(joint, order) for joint, orders in context.ripples.items() for order in orders]
+def _regressors(context: Context) -> list[EffectRegressor]:
+    return [_regressor(joint, order) for joint, orders in context.ripples.items() for order in orders]
 
 
-def _ripple(values: Values) -> Resistance:
+def _ripple(values: HookContext) -> ResistanceFunction:
     sine, cosine, order = values("sine"), values("cosine"), values("order")
     xp = namespace(sine)
     return lambda q, dq: sine * xp.sin(order * q) + cosine * xp.cos(order * q)
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "torque_ripple",
-    Place.JOINT,
+    Target.JOINT,
     (SINE, COSINE, ORDER),
-    _signatures,
-    Visible("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
+    _regressors,
+    DetectionLimit("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
     joints=_ripple,
-    said="the torque of {at} ripples as its gear turns, by {sine:Nm} (sine) and {cosine:Nm} (cosine)",
+    sentence_template="the torque of {at} ripples as its gear turns, by {sine:Nm} (sine) and {cosine:Nm} (cosine)",
 )

@@ -5,19 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from np_description.keypoints import COUNT
-from sim2real.effects.record import Quantity
-from sim2real.effects.view_record import Disturbance, Part, Seen, ViewRecord
+from sim2real.effects.effect import DetectionLimit, Disturbance, Effect, Quantity, Target
 
 
 def _move(d: Disturbance) -> np.ndarray:
-    return np.tile([d.given["u"], d.given["v"]], (COUNT, 1))
+    return np.tile([d.quantities["u"], d.quantities["v"]], (COUNT, 1))
 
 
-RECORD = ViewRecord(
+EFFECT = Effect(
     "keypoint_bias",
-    Part.KEYPOINTS,
+    Target.KEYPOINTS,
     (Quantity("u", "px", -20.0, 20.0), Quantity("v", "px", -20.0, 20.0)),
-    Seen("px", 0.7),
-    "corners are found {u:px right/left} and {v:px below/above} of where they are",
-    move=_move,
+    detection_limit=DetectionLimit("px", 0.7, largest=8.0),
+    sentence_template="corners are found {u:px right/left} and {v:px below/above} of where they are",
+    move_keypoints=_move,
 )

@@ -7,23 +7,22 @@ from math import sqrt
 import numpy as np
 
 from np_description.keypoints import COUNT
-from sim2real.effects.record import Quantity
-from sim2real.effects.view_record import Disturbance, Part, Seen, ViewRecord
+from sim2real.effects.effect import DetectionLimit, Disturbance, Effect, Quantity, Target
 
 
 def _move(d: Disturbance) -> np.ndarray:
     """Autoregressive of first order, with `spread` for its own standard deviation from the first image on."""
-    memory, spread = d.given["memory"], d.given["spread"]
+    memory, spread = d.quantities["memory"], d.quantities["spread"]
     fresh = spread * d.rng.standard_normal((COUNT, 2))
     return memory * d.last + sqrt(1.0 - memory**2) * fresh if d.last.any() else fresh
 
 
-RECORD = ViewRecord(
+EFFECT = Effect(
     "keypoint_noise",
-    Part.KEYPOINTS,
+    Target.KEYPOINTS,
     (Quantity("spread", "px", 0.0, 20.0), Quantity("memory", "1", 0.0, 0.99)),
-    Seen("px", 0.5),
-    "corners scatter by {spread:px}, each image keeping {memory:%} of the one before",
-    move=_move,
-    kept=True,
+    detection_limit=DetectionLimit("px", 0.5, largest=8.0),
+    sentence_template="corners scatter by {spread:px}, each image keeping {memory:%} of the one before",
+    move_keypoints=_move,
+    has_memory=True,
 )

@@ -5,20 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from np_description.keypoints import COUNT
-from sim2real.effects.record import Quantity
-from sim2real.effects.view_record import Disturbance, Part, Seen, ViewRecord
+from sim2real.effects.effect import DetectionLimit, Disturbance, Effect, Quantity, Target
 
 
 def _move(d: Disturbance) -> np.ndarray:
-    is_gross = d.rng.random(COUNT) < d.given["share"]
-    return is_gross[..., None] * d.given["size"] * d.rng.standard_normal((COUNT, 2))
+    is_gross = d.rng.random(COUNT) < d.quantities["share"]
+    return is_gross[..., None] * d.quantities["size"] * d.rng.standard_normal((COUNT, 2))
 
 
-RECORD = ViewRecord(
+EFFECT = Effect(
     "keypoint_outliers",
-    Part.KEYPOINTS,
+    Target.KEYPOINTS,
     (Quantity("share", "1", 0.0, 0.5), Quantity("size", "px", 0.0, 100.0)),
-    Seen("1", 0.01),
-    "{share:%} of the corners are found elsewhere, {size:px} away",
-    move=_move,
+    detection_limit=DetectionLimit("1", 0.01, largest=8.0),
+    sentence_template="{share:%} of the corners are found elsewhere, {size:px} away",
+    move_keypoints=_move,
 )

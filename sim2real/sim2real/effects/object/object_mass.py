@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sim2real.effects.record import Quantity
-from sim2real.effects.scene_record import SceneRecord, Whose
-from sim2real.effects.view_record import Seen
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 
-RECORD = SceneRecord(
+EFFECT = Effect(
     "object_mass",
-    Whose.OBJECT,
+    Target.OBJECT,
     (Quantity("relative", "1", -0.8, 4.0),),
-    Seen("1", 0.1),
-    "the object weighs {relative:% more/less}",
-    lambda scene, given: replace(scene, mass=scene.mass * (1 + given["relative"])),
+    detection_limit=DetectionLimit("1", 0.1, largest=8.0),
+    sentence_template="the object weighs {relative:% more/less}",
+    modify_scene=lambda scene, values: replace(scene, mass=scene.mass * (1 + values["relative"])),
 )

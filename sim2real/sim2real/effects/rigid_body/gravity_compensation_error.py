@@ -6,18 +6,18 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from sim2real.effects.background import WEIGHT_KNOWN
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.gravity import GravityModel
+from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
-from sim2real.effects.weight import Weight
 
 SCALE = Quantity("scale", "1", -0.3, 0.3)
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     return [
-        Signature(
+        EffectRegressor(
             "gravity_compensation_error",
             (Parameter("scale", "1", SCALE.lower, SCALE.upper, 0.03),),
             {Stage.DYNAMICS: lambda c, j: stack(-c.prediction.gravity[:, j])},
@@ -28,16 +28,16 @@ def _signatures(context: Context) -> list[Signature]:
     ]
 
 
-def _share(weight: Weight, component: str, values: Mapping[str, float]) -> Weight:
+def _share(weight: GravityModel, component: str, values: Mapping[str, float]) -> GravityModel:
     return replace(weight, share=weight.share + values["scale"])
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "gravity_compensation_error",
-    Place.ARM,
+    Target.ARM,
     (SCALE,),
-    _signatures,
-    Visible("1", 0.005),
-    weight=_share,
-    said="gravity compensation is {scale:% too_strong/too_weak}",
+    _regressors,
+    DetectionLimit("1", 0.005),
+    gravity_error=_share,
+    sentence_template="gravity compensation is {scale:% too_strong/too_weak}",
 )

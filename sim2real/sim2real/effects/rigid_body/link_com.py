@@ -8,20 +8,20 @@ from dataclasses import replace
 import numpy as np
 
 from np_description.panda import PandaModel
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.panda_changes import link_name
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature
+from sim2real.effects.joint_arrays import link_name
+from sim2real.effects.regressor import EffectRegressor, Parameter
 from sim2real.effects.stage import Stage
 
 MOMENTS = tuple(Quantity(f"moment_{axis}", "kg m", -5.0, 5.0) for axis in "xyz")
 MOST = 0.15  # kg m that is looked for
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     moments = tuple(Parameter(q.name, q.unit, -MOST, MOST, 0.05) for q in MOMENTS)
     return [
-        Signature(
+        EffectRegressor(
             "link_com",
             moments,
             {Stage.DYNAMICS: lambda c, j, table=context.rigid.moved_centre(i): table[:, j]},
@@ -41,13 +41,13 @@ def _shift(panda: PandaModel, component: str, values: Mapping[str, float]) -> Pa
     return replace(panda, inertials={**panda.inertials, name: replace(body, com=body.com + shift)})
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "link_com",
-    Place.LINK,
+    Target.LINK,
     MOMENTS,
-    _signatures,
-    Visible("kg m", (0.01, 0.01, 0.01, 0.01, 0.006, 0.005, 0.004), (2, 3, 4, 5, 6, 7)),
-    panda=_shift,
-    weight=lambda weight, component, values: weight,
-    said="the mass of {at} lies elsewhere: mass times place is off by {moment_x:kg_m} in x, {moment_y:kg_m} in y, {moment_z:kg_m} in z",
+    _regressors,
+    DetectionLimit("kg m", (0.01, 0.01, 0.01, 0.01, 0.006, 0.005, 0.004), (2, 3, 4, 5, 6, 7)),
+    modify_rigid_body=_shift,
+    gravity_error=lambda weight, component, values: weight,
+    sentence_template="the mass of {at} lies elsewhere: mass times place is off by {moment_x:kg_m} in x, {moment_y:kg_m} in y, {moment_z:kg_m} in z",
 )

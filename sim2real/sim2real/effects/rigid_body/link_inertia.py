@@ -9,10 +9,10 @@ import numpy as np
 
 from np_description.panda import PandaModel
 from sim2real.effects.background import INERTIA_ERROR, SURE
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.panda_changes import link_name
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.joint_arrays import link_name
+from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
 
 SCALE = Quantity("scale", "1", -1.0, 50.0)
@@ -20,13 +20,13 @@ LEAST, MOST = -0.9, 5.0  # that is looked for
 AXES = 0.25  # of the change, to which one number says it: what is added to a link has axes of its own
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     # A joint feels the errors of all links that it turns: one link's can be told from those of the others only where it is
     # larger than they are together.
     own = context.rigid.own_sizes()
     known = SURE * INERTIA_ERROR * np.linalg.norm(own) / np.maximum(own, 1e-9)
     return [
-        Signature(
+        EffectRegressor(
             "link_inertia",
             (Parameter("scale", "1", LEAST, MOST, 0.5, least=min(known[i], 2.0)),),
             {Stage.DYNAMICS: lambda c, j, i=i: stack(c.prediction.inertia[:, j, i])},
@@ -47,12 +47,12 @@ def _scaled(panda: PandaModel, component: str, values: Mapping[str, float]) -> P
     return replace(panda, inertials={**panda.inertials, name: heavier})
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "link_inertia",
-    Place.LINK,
+    Target.LINK,
     (SCALE,),
-    _signatures,
-    Visible("1", (0.3, 0.3, 0.3, 0.3, 0.15, 0.4, 0.3), (3, 4, 5, 7)),
-    panda=_scaled,
-    said="{at} has {scale:% more/less} inertia about its own centre of mass",
+    _regressors,
+    DetectionLimit("1", (0.3, 0.3, 0.3, 0.3, 0.15, 0.4, 0.3), (3, 4, 5, 7)),
+    modify_rigid_body=_scaled,
+    sentence_template="{at} has {scale:% more/less} inertia about its own centre of mass",
 )

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from np_description.panda import Inertial, PandaModel
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
 
 MASS = Quantity("mass", "kg", 0.0, 5.0)  # a hand that is not there is another nominal arm
@@ -18,12 +18,12 @@ MASS = Quantity("mass", "kg", 0.0, 5.0)  # a hand that is not there is another n
 PLACE = 0.05  # of the mass, to which it is known while where on the hand it lies is not: some cm of half a metre
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     x, y, z = context.arm.tip
     point = np.array([1.0, x, y, z, y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y])
     last = context.rigid.regressor(len(context.arm) - 1)
     return [
-        Signature(
+        EffectRegressor(
             "payload",
             (Parameter("mass", "kg", MASS.lower, MASS.upper, 0.3),),
             {Stage.DYNAMICS: lambda c, j: stack(last[:, j] @ point)},
@@ -51,13 +51,13 @@ def _loaded(body: Inertial, mass: float, point: np.ndarray) -> Inertial:
     return Inertial(total, com, np.array([inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]))
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "payload",
-    Place.ARM,
+    Target.ARM,
     (MASS,),
-    _signatures,
-    Visible("kg", 0.04),
-    panda=_load,
-    weight=lambda weight, component, values: weight,
-    said="the arm carries {mass:kg} that {nominal} does not know",
+    _regressors,
+    DetectionLimit("kg", 0.04),
+    modify_rigid_body=_load,
+    gravity_error=lambda weight, component, values: weight,
+    sentence_template="the arm carries {mass:kg} that {nominal} does not know",
 )

@@ -9,21 +9,21 @@ import numpy as np
 
 from np_description.panda import NOMINAL
 from sim2real.effects.background import WEIGHT_KNOWN
-from sim2real.effects.behaviour import OnSensors, SensorSlot, Values
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.panda_changes import rows
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature
+from sim2real.effects.gravity import GravityModel
+from sim2real.effects.hooks import HookContext, SensorHook, SensorSlot
+from sim2real.effects.joint_arrays import joint_rows
+from sim2real.effects.regressor import EffectRegressor, Parameter
 from sim2real.effects.stage import Stage
-from sim2real.effects.weight import Weight
 
 BIAS = Quantity("bias", "rad", -0.04, 0.04)
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     """Effects of the arm, each at the joint whose encoder it is."""
     return [
-        Signature(
+        EffectRegressor(
             "encoder_bias",
             (Parameter("bias", "rad", BIAS.lower, BIAS.upper, 0.005),),
             {Stage.DYNAMICS: lambda c, j, k=k: -c.prediction.gravity_slope[:, j, k : k + 1]},
@@ -37,13 +37,13 @@ def _signatures(context: Context) -> list[Signature]:
     ]
 
 
-def _compensated_beside(weight: Weight, component: str, values: Mapping[str, float]) -> Weight:
+def _compensated_beside(weight: GravityModel, component: str, values: Mapping[str, float]) -> GravityModel:
     bias = weight.bias.copy()
-    bias[rows(NOMINAL, component)] += values["bias"]
+    bias[joint_rows(NOMINAL, component)] += values["bias"]
     return replace(weight, bias=bias)
 
 
-def _read(values: Values):
+def _read(values: HookContext):
     bias = values("bias")
 
     def sense(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -52,13 +52,13 @@ def _read(values: Values):
     return sense
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "encoder_bias",
-    Place.JOINT,
+    Target.JOINT,
     (BIAS,),
-    _signatures,
-    Visible("rad", (0.002, 0.0015, 0.003, 0.003, 0.003, 0.003, 0.003), (2, 3, 4)),
-    weight=_compensated_beside,
-    sensors=OnSensors(SensorSlot.ZERO, _read),
-    said="the encoder of {at} reads {bias:mrad too_much/too_little}",
+    _regressors,
+    DetectionLimit("rad", (0.002, 0.0015, 0.003, 0.003, 0.003, 0.003, 0.003), (2, 3, 4)),
+    gravity_error=_compensated_beside,
+    sensors=SensorHook(SensorSlot.ZERO, _read),
+    sentence_template="the encoder of {at} reads {bias:mrad too_much/too_little}",
 )

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from np_common.rotations import namespace
-from sim2real.effects.behaviour import OnSensors, SensorSlot, Values
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature
+from sim2real.effects.hooks import HookContext, SensorHook, SensorSlot
+from sim2real.effects.regressor import EffectRegressor, Parameter
 
 STEP = Quantity("step", "rad", 0.0, 0.01)
 
 
-def quantised(step: float) -> Signature:
+def quantisation_regressor(step: float) -> EffectRegressor:
     """The finding that an encoder reads in steps (rad)."""
-    return Signature(
+    return EffectRegressor(
         "encoder_quantisation",
         (Parameter("step", "rad", STEP.lower, STEP.upper, 1e-3),),
         {},
@@ -39,11 +39,11 @@ def find_quantum(position: np.ndarray) -> float:
     return quantum if small.sum() > 100 and np.mean(off[small] < 0.05) > 0.95 else 0.0
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     return []  # it competes with nothing: `find_quantum` tells it
 
 
-def _in_steps(values: Values):
+def _in_steps(values: HookContext):
     step = values("step")
     xp, coarse = namespace(step), step > 0
     width = xp.where(coarse, step, 1.0)
@@ -54,13 +54,13 @@ def _in_steps(values: Values):
     return sense
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "encoder_quantisation",
-    Place.JOINT,
+    Target.JOINT,
     (STEP,),
-    _signatures,
-    Visible("rad", (4e-5,) * 7, (1, 2, 3, 4, 5, 6, 7)),
-    sensors=OnSensors(SensorSlot.STEP, _in_steps),
+    _regressors,
+    DetectionLimit("rad", (4e-5,) * 7, (1, 2, 3, 4, 5, 6, 7)),
+    sensors=SensorHook(SensorSlot.STEP, _in_steps),
     shows_in_motion=False,
-    said="the encoder of {at} reads in steps of {step:mrad}",
+    sentence_template="the encoder of {at} reads in steps of {step:mrad}",
 )

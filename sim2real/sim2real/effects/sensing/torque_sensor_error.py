@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2real.effects.behaviour import OnSensors, SensorSlot, Values
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.hooks import HookContext, SensorHook, SensorSlot
+from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
 
 GAIN, OFFSET = Quantity("gain", "1", -0.5, 0.5), Quantity("offset", "Nm", -5.0, 5.0)
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     if context.drive is None:
         return []
     gain = Parameter("gain", "1", GAIN.lower, GAIN.upper, 0.03)
@@ -23,12 +23,12 @@ def _signatures(context: Context) -> list[Signature]:
         Stage.DRIVE: lambda c, j: stack(c.drive.commanded[:, j] + c.drive.gravity[:, j], np.ones(len(c.drive.time)))
     }
     return [
-        Signature("torque_sensor_error", (offset,), constant, "y = tau + offset", "offset only"),
-        Signature("torque_sensor_error", (gain, offset), both, "y = (1 + gain) tau + offset"),
+        EffectRegressor("torque_sensor_error", (offset,), constant, "y = tau + offset", "offset only"),
+        EffectRegressor("torque_sensor_error", (gain, offset), both, "y = (1 + gain) tau + offset"),
     ]
 
 
-def _read(values: Values):
+def _read(values: HookContext):
     gain, zero = 1 + values("gain"), values("offset")
 
     def sense(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -37,13 +37,13 @@ def _read(values: Values):
     return sense
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "torque_sensor_error",
-    Place.JOINT,
+    Target.JOINT,
     (GAIN, OFFSET),
-    _signatures,
-    Visible("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
-    sensors=OnSensors(SensorSlot.TORQUE, _read),
+    _regressors,
+    DetectionLimit("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
+    sensors=SensorHook(SensorSlot.TORQUE, _read),
     shows_in_motion=False,
-    said="the torque sensor of {at} is off by {gain:%} of its reading and {offset:Nm}",
+    sentence_template="the torque sensor of {at} is off by {gain:%} of its reading and {offset:Nm}",
 )

@@ -4,40 +4,40 @@ from __future__ import annotations
 
 import numpy as np
 
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import SHARE, Shape, Signature, stack
+from sim2real.effects.recurrences import first_order_lag
+from sim2real.effects.regressor import SHARE, EffectRegressor, NonlinearParameter, stack
 from sim2real.effects.stage import Stage
-from sim2real.effects.sums import first_order
 
 TIME_CONSTANT = Quantity("time_constant", "s", 0.0, 0.2)
 FILTERS = tuple(4e-4 * 1.35**n for n in range(14))  # s: so fine that the best one leaves nothing to other effects
 
 
-def _signature(lag: float) -> Signature:
+def _regressor(lag: float) -> EffectRegressor:
     def columns(c: Context, j: int) -> np.ndarray:
-        return stack(first_order(c.drive, c.drive.law[:, j], lag) - c.drive.law[:, j])
+        return stack(first_order_lag(c.drive, c.drive.law[:, j], lag) - c.drive.law[:, j])
 
-    return Signature(
+    return EffectRegressor(
         "controller_mismatch",
         (SHARE,),
         {Stage.CONTROLLER: columns},
         "low-pass filter on the commanded torque (libfranka: 100 Hz)",
         f"{1e3 * lag:.3g} ms",
-        Shape("time_constant", "s", lag, _signature, linear=True, least=1e-4),
+        NonlinearParameter("time_constant", "s", lag, _regressor, linear=True, least=1e-4),
         is_arm=True,
     )
 
 
-def _signatures(context: Context) -> list[Signature]:
-    return [] if context.drive is None else [_signature(lag) for lag in FILTERS]
+def _regressors(context: Context) -> list[EffectRegressor]:
+    return [] if context.drive is None else [_regressor(lag) for lag in FILTERS]
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "controller_mismatch",
-    Place.ARM,
+    Target.ARM,
     (TIME_CONSTANT,),
-    _signatures,
-    Visible("s", 5e-4),
-    said="the controller filters its torque, which {nominal} does not, with a time constant of {time_constant:ms}",
+    _regressors,
+    DetectionLimit("s", 5e-4),
+    sentence_template="the controller filters its torque, which {nominal} does not, with a time constant of {time_constant:ms}",
 )

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
 
 RELATIVE = Quantity("relative", "1", -0.9, 3.0)
@@ -18,23 +18,23 @@ def lead(c: Context, j: int) -> np.ndarray:
     return c.drive.damping[:, j] * c.drive.target_velocity[:, j]
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     if context.drive is None:
         return []
     change = (Parameter("relative", "1", RELATIVE.lower, RELATIVE.upper, 0.1, least=0.003),)
     right = {Stage.CONTROLLER: lambda c, j: stack(c.drive.stiffness[:, j] * c.drive.error[:, j])}
     wrong = {Stage.CONTROLLER: lambda c, j: stack(c.drive.stiffness[:, j] * c.drive.error[:, j] - lead(c, j))}
     return [
-        Signature("stiffness_gain_error", change, right, LAW),
-        Signature("stiffness_gain_error", change, wrong, LAW, "lead with the wrong gain"),
+        EffectRegressor("stiffness_gain_error", change, right, LAW),
+        EffectRegressor("stiffness_gain_error", change, wrong, LAW, "lead with the wrong gain"),
     ]
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "stiffness_gain_error",
-    Place.JOINT,
+    Target.JOINT,
     (RELATIVE,),
-    _signatures,
-    Visible("1", (0.01,) * 7, (1, 2, 3, 4, 5, 6, 7)),
-    said="the controller holds {at} {relative:% stiffer/softer} than it was asked to",
+    _regressors,
+    DetectionLimit("1", (0.01,) * 7, (1, 2, 3, 4, 5, 6, 7)),
+    sentence_template="the controller holds {at} {relative:% stiffer/softer} than it was asked to",
 )

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from sim2real.effects import evidence
-from sim2real.effects.behaviour import Delay, Drive, DriveSlot, OnDrive, Values
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import WHOLE, Shape, Signature, stack
+from sim2real.effects.hooks import DelayLine, DriveFunction, DriveHook, DriveSlot, HookContext
+from sim2real.effects.regressor import WHOLE, EffectRegressor, NonlinearParameter, stack
 from sim2real.effects.stage import Stage
 
 DELAY = Quantity("delay", "s", 0.0, 0.2)
@@ -17,7 +17,7 @@ DELAYS = tuple(1e-4 * 1.35**n for n in range(18))  # s beyond it: so fine that t
 STEP_KNOWN = 2e-5  # s, to which a delay is known where commands are held for a period
 
 
-def delayed(d: evidence.Drive, values: np.ndarray, delay: float) -> np.ndarray:
+def delay_commands(d: evidence.Drive, values: np.ndarray, delay: float) -> np.ndarray:
     """values (n,) as they were `delay` s before; the first of each stretch before that."""
     whole, share = divmod(delay / d.period, 1.0)
     ends, late = [*d.starts[1:], len(values)], np.empty_like(values)
@@ -28,42 +28,42 @@ def delayed(d: evidence.Drive, values: np.ndarray, delay: float) -> np.ndarray:
     return late
 
 
-def _signature(delay: float) -> Signature:
+def _regressor(delay: float) -> EffectRegressor:
     """What a loop is late by beyond the usual, which is a nuisance's: of the two together nothing counts twice. Of a change, what
     it is late by beyond what it was."""
 
     def columns(c: Context, j: int) -> np.ndarray:
         d, values = c.drive, c.drive.commanded[:, j]
         usual = d.late if c.reference else USUAL
-        return stack(delayed(d, values, usual + delay) - delayed(d, values, usual))
+        return stack(delay_commands(d, values, usual + delay) - delay_commands(d, values, usual))
 
-    return Signature(
+    return EffectRegressor(
         "command_delay",
         (WHOLE,),
         {Stage.DRIVE: columns},
         "dead time between command and torque",
         f"{1e3 * delay:.3g} ms",
         # Not linear: what noise puts into the commands changes from period to period, and only the right delay meets it.
-        Shape("delay", "s", delay, _signature, background=STEP_KNOWN),
+        NonlinearParameter("delay", "s", delay, _regressor, background=STEP_KNOWN),
         is_arm=True,
         absorbs="command_delay",
     )
 
 
-def _signatures(context: Context) -> list[Signature]:
-    return [] if context.drive is None else [_signature(delay) for delay in DELAYS]
+def _regressors(context: Context) -> list[EffectRegressor]:
+    return [] if context.drive is None else [_regressor(delay) for delay in DELAYS]
 
 
-def _late(values: Values) -> Drive:
-    return Delay(values("delay").clip(0.0) / values.period)
+def _late(values: HookContext) -> DriveFunction:
+    return DelayLine(values("delay").clip(0.0) / values.period)
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "command_delay",
-    Place.ARM,
+    Target.ARM,
     (DELAY,),
-    _signatures,
-    Visible("s", 5e-4),
-    drive=OnDrive(DriveSlot.TRANSPORT, _late),
-    said="commands take effect {delay:ms later/earlier} than in {nominal}",
+    _regressors,
+    DetectionLimit("s", 5e-4),
+    drive=DriveHook(DriveSlot.TRANSPORT, _late),
+    sentence_template="commands take effect {delay:ms later/earlier} than in {nominal}",
 )

@@ -6,10 +6,10 @@ import numpy as np
 
 from np_common.rotations import namespace
 from sim2real.effects import evidence
-from sim2real.effects.behaviour import Delay, OnSensors, SensorSlot, Values
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.hooks import DelayLine, HookContext, SensorHook, SensorSlot
+from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
 
 DELAY = Quantity("delay", "s", -0.05, 0.05)
@@ -29,10 +29,10 @@ def _rate(d: evidence.Drive, values: np.ndarray) -> np.ndarray:
     return np.concatenate([np.gradient(part, d.period) for part in np.split(values, d.starts[1:])])
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     delay = (Parameter("delay", "s", DELAY.lower, DELAY.upper, 0.004, background=KNOWN, least=LEAST),)
     found = [
-        Signature(
+        EffectRegressor(
             "measurement_delay",
             delay,
             {Stage.DYNAMICS: _late_states},
@@ -43,7 +43,7 @@ def _signatures(context: Context) -> list[Signature]:
     ]
     if context.drive is not None:
         found.append(
-            Signature(
+            EffectRegressor(
                 "measurement_delay",
                 delay,
                 {Stage.CONTROLLER: lambda c, j: stack(-_rate(c.drive, c.drive.law[:, j]))},
@@ -55,8 +55,8 @@ def _signatures(context: Context) -> list[Signature]:
     return found
 
 
-def _old(values: Values):
-    delay = Delay(values("delay").clip(0.0) / values.period)
+def _old(values: HookContext):
+    delay = DelayLine(values("delay").clip(0.0) / values.period)
 
     def sense(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         angle, speed = delay(namespace(q).stack([q, dq]))
@@ -65,12 +65,12 @@ def _old(values: Values):
     return sense
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "measurement_delay",
-    Place.ARM,
+    Target.ARM,
     (DELAY,),
-    _signatures,
-    Visible("s", 5e-4),
-    sensors=OnSensors(SensorSlot.AGE, _old),
-    said="measured states are {delay:ms older/younger} than their stamps say",
+    _regressors,
+    DetectionLimit("s", 5e-4),
+    sensors=SensorHook(SensorSlot.AGE, _old),
+    sentence_template="measured states are {delay:ms older/younger} than their stamps say",
 )

@@ -8,12 +8,12 @@ import numpy as np
 
 from np_common.rotations import namespace
 from sim2real.effects import evidence
-from sim2real.effects.behaviour import Drive, DriveSlot, OnDrive, Values
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.hooks import DriveFunction, DriveHook, DriveSlot, HookContext
+from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
-from sim2real.effects.timing.command_delay import delayed
+from sim2real.effects.timing.command_delay import delay_commands
 
 SHARE = Quantity("share", "1", 0.0, 1.0)
 LEAST_HELD = 20  # periods
@@ -22,7 +22,7 @@ SURE = 10.0  # nats by which holding must fit a period better than not holding
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class LostPackets:
     """Periods in which the last command was held.
 
     held (n,) bool: those for certain; excess (n,): nats by which holding fits each better; tellable (n,) bool: those in
@@ -43,13 +43,13 @@ class Held:
         return found, float(np.sqrt(found * (1.0 - found) / max(count, 1)))
 
 
-def hold(d: evidence.Drive, held: np.ndarray) -> np.ndarray:
+def hold_command(d: evidence.Drive, held: np.ndarray) -> np.ndarray:
     """Commands (n, k) in force when those of the periods `held` (n,) never arrived."""
     row = np.where(held, 0, np.arange(len(held)))
     return d.commanded[np.maximum.accumulate(row)]
 
 
-def find_held(d: evidence.Drive) -> Held:
+def find_lost_packets(d: evidence.Drive) -> LostPackets:
     """The periods in which all joints show the command before instead of their own."""
     residual = d.measured - d.arrived
     spread = 1.4826 * np.median(np.abs(residual - np.median(residual, axis=0)), axis=0)
@@ -79,7 +79,7 @@ def find_held(d: evidence.Drive) -> Held:
             if excess[i] <= SURE:
                 break
             held[i] = True
-    return Held(held, np.where(held, np.inf, excess), tellable)
+    return LostPackets(held, np.where(held, np.inf, excess), tellable)
 
 
 def _share(excess: np.ndarray) -> float:
@@ -94,16 +94,16 @@ def _share(excess: np.ndarray) -> float:
 
 def _missed(c: Context, j: int) -> np.ndarray:
     """Change (n,) Nm of a joint's torque by the packets that were lost, the loop's own delay as without."""
-    return delayed(c.drive, hold(c.drive, c.held)[:, j], c.drive.late) - c.drive.arrived[:, j]
+    return delay_commands(c.drive, hold_command(c.drive, c.held)[:, j], c.drive.late) - c.drive.arrived[:, j]
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     # Of periods too alike to tell, none is lost for certain: there is no share of those to go by.
     if context.drive is None or context.held is None or context.held.sum() <= LEAST_HELD or context.held_share <= 0:
         return []
     share, known = context.held_share, context.held_error
     return [
-        Signature(
+        EffectRegressor(
             "packet_loss",
             (Parameter("share", "1", 0.7 * share, 1.3 * share, 0.05 * share, share, background=known),),
             {Stage.DRIVE: lambda c, j: stack(_missed(c, j)) / share},
@@ -114,7 +114,7 @@ def _signatures(context: Context) -> list[Signature]:
     ]
 
 
-def _lose(values: Values) -> Drive:
+def _lose(values: HookContext) -> DriveFunction:
     share = values("share")
     share = namespace(share).amax(share, -1)[..., None]  # a packet holds the commands of all joints
     rng, last = np.random.default_rng(values.seed), None  # the same packets in all arms
@@ -127,13 +127,13 @@ def _lose(values: Values) -> Drive:
     return drive
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "packet_loss",
-    Place.ARM,
+    Target.ARM,
     (SHARE,),
-    _signatures,
-    Visible("1", 0.01),
-    drive=OnDrive(DriveSlot.ARRIVAL, _lose),
+    _regressors,
+    DetectionLimit("1", 0.01),
+    drive=DriveHook(DriveSlot.ARRIVAL, _lose),
     shows_in_motion=False,
-    said="{share:%} of the commands are lost",
+    sentence_template="{share:%} of the commands are lost",
 )

@@ -11,18 +11,18 @@ import numpy as np
 
 from np_common.rotations import namespace
 from sim2real.effects import evidence
-from sim2real.effects.behaviour import Drive, DriveSlot, OnDrive, Values, unlimited
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.limits import GRAVITY_APART, Limit, levels, lost
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import WHOLE, Shape, Signature, stack
+from sim2real.effects.hooks import DriveFunction, DriveHook, DriveSlot, HookContext, infinite_where_zero
+from sim2real.effects.limits import GRAVITY_APART, DriveLimit, candidate_levels, limit_column
+from sim2real.effects.regressor import WHOLE, EffectRegressor, NonlinearParameter, stack
 from sim2real.effects.stage import Stage
 
 LIMIT = Quantity("limit", "Nm/s", 0.0, 1e5)
 RAMP_KNOWN = 0.02  # of a rate: within a period a drive may ramp, or step at its end
 
 
-def rate_limited(d: evidence.Drive, values: np.ndarray, rate: float, given: np.ndarray | None = None) -> np.ndarray:
+def limit_rate(d: evidence.Drive, values: np.ndarray, rate: float, given: np.ndarray | None = None) -> np.ndarray:
     """values (n,) followed at no more than `rate` a second, anew in each stretch: from what was given (n,) at its beginning,
     where that is further away than a period's step (a drive that was behind when the recording began), else from the values."""
     step, limited = rate * d.period, values.copy()
@@ -48,9 +48,9 @@ def rate_limited(d: evidence.Drive, values: np.ndarray, rate: float, given: np.n
     return limited
 
 
-def ramped(d: evidence.Drive, values: np.ndarray, rate: float, given: np.ndarray | None = None) -> np.ndarray:
-    """Mean over each period (n,) of what follows values (n,) at no more than `rate` a second, as `rate_limited`."""
-    ends = rate_limited(d, values, rate, given)
+def ramp_torque(d: evidence.Drive, values: np.ndarray, rate: float, given: np.ndarray | None = None) -> np.ndarray:
+    """Mean over each period (n,) of what follows values (n,) at no more than `rate` a second, as `limit_rate`."""
+    ends = limit_rate(d, values, rate, given)
     rise = np.diff(ends, prepend=ends[:1])
     rise[d.starts] = 0.0
     return ends - _short_of_end(rise, rate * d.period)
@@ -61,14 +61,16 @@ def _short_of_end(rise: np.ndarray, step: np.ndarray | float) -> np.ndarray:
     return 0.5 * rise * abs(rise) / step
 
 
-def _signature(limit: float, joint: int, apart: bool) -> Signature:
-    return Signature(
+def _regressor(limit: float, joint: int, apart: bool) -> EffectRegressor:
+    return EffectRegressor(
         "torque_rate_limit",
         (WHOLE,),
-        {Stage.DRIVE: lambda c, j: stack(lost(c.drive, j, ramped, limit, apart))},
+        {Stage.DRIVE: lambda c, j: stack(limit_column(c.drive, j, ramp_torque, limit, apart))},
         "largest rate of the drive",
         f"{limit:.3g} Nm/s{', gravity apart' if apart else ''}",
-        Shape("limit", "Nm/s", limit, partial(_signature, joint=joint, apart=apart), background=RAMP_KNOWN * limit),
+        NonlinearParameter(
+            "limit", "Nm/s", limit, partial(_regressor, joint=joint, apart=apart), background=RAMP_KNOWN * limit
+        ),
         only_joint=joint,
         constants={GRAVITY_APART.name: 1.0} if apart else {},
     )
@@ -81,11 +83,11 @@ def _levels(context: Context, joint: int, apart: bool, rows: np.ndarray) -> list
     within = np.ones(len(d.time), bool)
     within[d.starts] = False
     asked, given = (np.diff(torque[:, joint] + held, prepend=0.0) / d.period for torque in (d.arrived, d.measured))
-    return levels(asked[within], given[within & rows])
+    return candidate_levels(asked[within], given[within & rows])
 
 
-def _follow(values: Values) -> Drive:
-    step, last = unlimited(values("limit")) * values.period, None
+def _follow(values: HookContext) -> DriveFunction:
+    step, last = infinite_where_zero(values("limit")) * values.period, None
 
     def drive(torque: np.ndarray) -> np.ndarray:
         nonlocal last
@@ -96,15 +98,15 @@ def _follow(values: Values) -> Drive:
     return drive
 
 
-_SHOWN = Limit(ramped, _levels, _signature)
+_LIMIT = DriveLimit(ramp_torque, _levels, _regressor)
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "torque_rate_limit",
-    Place.JOINT,
+    Target.JOINT,
     (LIMIT, GRAVITY_APART),
-    _SHOWN.signatures,
-    Visible("share of the suite's peak", (0.06,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
-    drive=OnDrive(DriveSlot.RATE, _follow, of_total=True),
-    always=_SHOWN.always,
-    said="the drive of {at} changes its torque by no more than {limit:Nm/s}",
+    _LIMIT.regressors,
+    DetectionLimit("share of the suite's peak", (0.06,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
+    drive=DriveHook(DriveSlot.RATE, _follow, of_total=True),
+    reference_regressors=_LIMIT.reference_regressors,
+    sentence_template="the drive of {at} changes its torque by no more than {limit:Nm/s}",
 )

@@ -7,30 +7,30 @@ from functools import partial
 import numpy as np
 
 from np_common.rotations import namespace
-from sim2real.effects import behaviour
-from sim2real.effects.behaviour import DriveSlot, OnDrive, Values, unlimited
+from sim2real.effects import hooks
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context, Drive
-from sim2real.effects.limits import GRAVITY_APART, Limit, levels, lost
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import WHOLE, Shape, Signature, stack
+from sim2real.effects.hooks import DriveHook, DriveSlot, HookContext, infinite_where_zero
+from sim2real.effects.limits import GRAVITY_APART, DriveLimit, candidate_levels, limit_column
+from sim2real.effects.regressor import WHOLE, EffectRegressor, NonlinearParameter, stack
 from sim2real.effects.stage import Stage
 
 LIMIT = Quantity("limit", "Nm", 0.0, 200.0)
 
 
-def saturated(d: Drive, values: np.ndarray, limit: float, given: np.ndarray | None = None) -> np.ndarray:
+def saturate(d: Drive, values: np.ndarray, limit: float, given: np.ndarray | None = None) -> np.ndarray:
     """values (n,) Nm within a limit Nm. It has no memory: what was given says nothing more."""
     return np.clip(values, -limit, limit)
 
 
-def _signature(limit: float, joint: int, apart: bool) -> Signature:
-    return Signature(
+def _regressor(limit: float, joint: int, apart: bool) -> EffectRegressor:
+    return EffectRegressor(
         "torque_saturation",
         (WHOLE,),
-        {Stage.DRIVE: lambda c, j: stack(lost(c.drive, j, saturated, limit, apart))},
+        {Stage.DRIVE: lambda c, j: stack(limit_column(c.drive, j, saturate, limit, apart))},
         "largest torque of the drive",
         f"{limit:.3g} Nm{', gravity apart' if apart else ''}",
-        Shape("limit", "Nm", limit, partial(_signature, joint=joint, apart=apart)),
+        NonlinearParameter("limit", "Nm", limit, partial(_regressor, joint=joint, apart=apart)),
         only_joint=joint,
         constants={GRAVITY_APART.name: 1.0} if apart else {},
     )
@@ -40,23 +40,23 @@ def _levels(context: Context, joint: int, apart: bool, rows: np.ndarray) -> list
     """Limits Nm to try for rows (n,) bool of the drive."""
     d = context.drive
     held = 0.0 if apart else d.gravity[:, joint]
-    return levels(d.commanded[:, joint] + held, (d.measured[:, joint] + held)[rows])
+    return candidate_levels(d.commanded[:, joint] + held, (d.measured[:, joint] + held)[rows])
 
 
-def _clip(values: Values) -> behaviour.Drive:
-    limit = unlimited(values("limit"))
+def _clip(values: HookContext) -> hooks.DriveFunction:
+    limit = infinite_where_zero(values("limit"))
     return lambda torque: namespace(torque).clip(torque, -limit, limit)
 
 
-_SHOWN = Limit(saturated, _levels, _signature)
+_LIMIT = DriveLimit(saturate, _levels, _regressor)
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "torque_saturation",
-    Place.JOINT,
+    Target.JOINT,
     (LIMIT, GRAVITY_APART),
-    _SHOWN.signatures,
-    Visible("share of the suite's peak", (0.07,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
-    drive=OnDrive(DriveSlot.LIMIT, _clip, of_total=True),
-    always=_SHOWN.always,
-    said="the drive of {at} gives no more than {limit:Nm}",
+    _LIMIT.regressors,
+    DetectionLimit("share of the suite's peak", (0.07,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
+    drive=DriveHook(DriveSlot.LIMIT, _clip, of_total=True),
+    reference_regressors=_LIMIT.reference_regressors,
+    sentence_template="the drive of {at} gives no more than {limit:Nm}",
 )

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
 
 HALF_PLAY = Quantity("half_play", "rad", 0.0, 0.05)
@@ -63,11 +63,11 @@ def _span(twists: list[np.ndarray]) -> tuple[float, float]:
     return 0.5 * float(low + high), 0.5 * float(high - low)
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     if context.transmission is None:
         return []
     floating = [
-        Signature(
+        EffectRegressor(
             "backlash",
             (Parameter("half_play", "rad", HALF_PLAY.lower, HALF_PLAY.upper, 1e-3, background=PLAY_KNOWN),),
             {Stage.TRANSMISSION: lambda c, j, share=share: stack(_floating(c, j, share))},
@@ -82,7 +82,7 @@ def _signatures(context: Context) -> list[Signature]:
     ]
     return [
         *floating,
-        Signature(
+        EffectRegressor(
             "backlash",
             (Parameter("half_play", "rad", HALF_PLAY.lower, HALF_PLAY.upper, 1e-3, background=PLAY_KNOWN),),
             {Stage.TRANSMISSION: lambda c, j: stack(_side(c, j))},
@@ -91,11 +91,11 @@ def _signatures(context: Context) -> list[Signature]:
     ]
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "backlash",
-    Place.JOINT,
+    Target.JOINT,
     (HALF_PLAY,),
-    _signatures,
-    Visible("rad", (1e-4,) * 7, (1, 2, 3, 4, 5, 6, 7)),
-    said="the gear of {at} has play: {half_play:mrad} to each side",
+    _regressors,
+    DetectionLimit("rad", (1e-4,) * 7, (1, 2, 3, 4, 5, 6, 7)),
+    sentence_template="the gear of {at} has play: {half_play:mrad} to each side",
 )

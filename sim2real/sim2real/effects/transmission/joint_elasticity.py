@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
 
 COMPLIANCE = Quantity("compliance", "rad/Nm", 0.0, 0.01)
 DAMPING_TIME = Quantity("damping_time", "s", -1e-5, 1e-5)
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     if context.transmission is None:
         return []
     return [
-        Signature(
+        EffectRegressor(
             "joint_elasticity",
             (
                 Parameter("compliance", "rad/Nm", COMPLIANCE.lower, COMPLIANCE.upper, 3e-4),
@@ -27,11 +27,11 @@ def _signatures(context: Context) -> list[Signature]:
     ]
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "joint_elasticity",
-    Place.JOINT,
+    Target.JOINT,
     (COMPLIANCE, DAMPING_TIME),
-    _signatures,
-    Visible("rad/Nm", (4e-5, 4e-5, 4e-5, 4e-5, 8e-5, 8e-5, 8e-5), (1, 2, 3, 4, 5, 6, 7)),
-    said="the gear of {at} yields to its load by {compliance:mrad/Nm}",
+    _regressors,
+    DetectionLimit("rad/Nm", (4e-5, 4e-5, 4e-5, 4e-5, 8e-5, 8e-5, 8e-5), (1, 2, 3, 4, 5, 6, 7)),
+    sentence_template="the gear of {at} yields to its load by {compliance:mrad/Nm}",
 )

@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 
+from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
 from sim2real.effects.evidence import Context
-from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
-from sim2real.effects.signature import Parameter, Shape, Signature, stack
+from sim2real.effects.recurrences import bristle_state
+from sim2real.effects.regressor import EffectRegressor, NonlinearParameter, Parameter, stack
 from sim2real.effects.stage import Stage
-from sim2real.effects.sums import sliding
 
 WIDTH, STROKE = Quantity("width", "rad", 0.0, 0.05), Quantity("stroke", "rad", 0.0, 0.05)
 STROKES = (1e-4, 2e-4, 4e-4, 1e-3)  # rad of twist over which the loop saturates
@@ -22,37 +22,37 @@ SHAKING = (0.0, 8e-5)
 MODEL = 0.3
 
 
-def _signature(stroke: float, shaking: float) -> Signature:
+def _regressor(stroke: float, shaking: float) -> EffectRegressor:
     def columns(c: Context, j: int) -> np.ndarray:
         # K (twist + width z) = tau: z winds up with the twist, and takes up part of the torque.
         wound = [
-            sliding(np.diff(w[:, j], prepend=w[:1, j]), stroke, shaking * (grid[1] - grid[0]))
+            bristle_state(np.diff(w[:, j], prepend=w[:1, j]), stroke, shaking * (grid[1] - grid[0]))
             for w, (_, grid) in zip(c.transmission.wound, c.samples.grids)
         ]
         return -stack(c.samples.filter(wound))
 
-    return Signature(
+    return EffectRegressor(
         "transmission_hysteresis",
         (Parameter("width", "rad", WIDTH.lower, WIDTH.upper, 3e-4),),
         {Stage.TRANSMISSION: columns},
         "Bouc-Wen on the twist (Wen, J. Eng. Mech. 1976; n = 1): dz = du - |du| z / stroke",
         f"{1e3 * stroke:.3g} mrad{', shaken' if shaking else ''}",
-        Shape("stroke", "rad", stroke, partial(_signature, shaking=shaking)),
+        NonlinearParameter("stroke", "rad", stroke, partial(_regressor, shaking=shaking)),
         model=MODEL,
     )
 
 
-def _signatures(context: Context) -> list[Signature]:
+def _regressors(context: Context) -> list[EffectRegressor]:
     if context.transmission is None:
         return []
-    return [_signature(stroke, shaking) for shaking in SHAKING for stroke in STROKES]
+    return [_regressor(stroke, shaking) for shaking in SHAKING for stroke in STROKES]
 
 
-RECORD = EffectRecord(
+EFFECT = Effect(
     "transmission_hysteresis",
-    Place.JOINT,
+    Target.JOINT,
     (WIDTH, STROKE),
-    _signatures,
-    Visible("rad", (3e-5,) * 7, (1, 2, 3, 4, 5, 6, 7)),
-    said="the gear of {at} stays twisted by up to {width:mrad} after its load has turned",
+    _regressors,
+    DetectionLimit("rad", (3e-5,) * 7, (1, 2, 3, 4, 5, 6, 7)),
+    sentence_template="the gear of {at} stays twisted by up to {width:mrad} after its load has turned",
 )

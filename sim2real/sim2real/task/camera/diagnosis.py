@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from scipy.stats import t as student
 
 from np_description.camera import CAMERA, Camera
-from sim2real.effects.saying import Value
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.recordings.reading import ContractViolation
 from sim2real.task.camera.checks import HeldOut, corner_distances, find_residual_patterns, held_out_gain
 from sim2real.task.camera.fit import CameraFit, Prior, evaluate_at, fit_scene
@@ -40,8 +40,8 @@ class Named:
 
     effect: str
     gain: float
-    sizes: dict[str, Value]
-    rivals: dict[str, dict[str, Value]]
+    sizes: dict[str, ValueWithInterval]
+    rivals: dict[str, dict[str, ValueWithInterval]]
     split_by: tuple[str, ...]
 
 
@@ -62,7 +62,7 @@ class CameraDiagnosis:
     off: float | None = None
     named: tuple[Named, ...] = ()
     gains: dict[str, float] = field(default_factory=dict)
-    bounds: dict[str, Value] = field(default_factory=dict)
+    bounds: dict[str, ValueWithInterval] = field(default_factory=dict)
     unseen: tuple[str, ...] = ()
     scatter: tuple[float, float] | None = None
     doubt: str = ""
@@ -176,7 +176,7 @@ class _Models:
             best = least
         return best
 
-    def sizes(self, effect: str, without: Names = frozenset()) -> dict[str, Value]:
+    def sizes(self, effect: str, without: Names = frozenset()) -> dict[str, ValueWithInterval]:
         """The numbers of an effect over all fits that have it as a gap, and none `without`, as probable as each of them is."""
         having = [n for n in self._made if effect in n and not n & without]
         values = np.array([self.value(n) for n in having])
@@ -187,7 +187,7 @@ class _Models:
         for n in EFFECTS[effect].numbers:
             middle, width = (np.array(v) for v in zip(*((f.vector[n], np.sqrt(f.covariance[n, n])) for f in fits)))
             freedom = np.array([f.freedom for f in fits])
-            found[NAMES[n]] = Value(float(share @ middle), *_interval(share, middle, width, freedom))
+            found[NAMES[n]] = ValueWithInterval(float(share @ middle), *_interval(share, middle, width, freedom))
         return found
 
     def near(self, names: Names) -> list[Names]:
@@ -224,7 +224,7 @@ def _named(models: _Models, chosen: Names, effect: str) -> Named:
 
 def _bounds(models: _Models, chosen: Names) -> dict:
     """`bounds` and `unseen` of a View."""
-    bounds: dict[str, Value] = {}
+    bounds: dict[str, ValueWithInterval] = {}
     for effect in EFFECTS:
         models.of(chosen | {effect})
         bounds |= models.sizes(effect)

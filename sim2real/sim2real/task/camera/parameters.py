@@ -67,7 +67,7 @@ def parameter_indices(prefix: str) -> np.ndarray:
 class CameraEffect:
     """One explanation. ids: of the catalogue; several are one in every picture, and are named together.
 
-    fields: which numbers it changes. called: what is off; said: how, with its numbers in braces (`sim2real.effects.saying`). quantities: what `patch.yaml` calls the numbers, empty where a
+    fields: which numbers it changes. called: what is off; said: how, with its numbers in braces (`sim2real.effects.sentences`). quantities: what `patch.yaml` calls the numbers, empty where a
     patch cannot say which of the ids it is, or cannot carry it.
     """
 

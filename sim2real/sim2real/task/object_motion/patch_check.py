@@ -10,7 +10,7 @@ import numpy as np
 from np_description.camera import CAMERA, Camera
 from np_description.panda import NOMINAL, PandaModel
 from sim2real.effects.patch import Patch
-from sim2real.effects.saying import Value
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.task.object_motion.prediction import prediction_errors, removed_share, typical_removed_share
 from sim2real.task.suite.recording import TaskRecording
 
@@ -21,7 +21,7 @@ class CheckedPatch:
     or that of most windows surely."""
 
     patch: Patch
-    withheld: dict[str, Value]
+    withheld: dict[str, ValueWithInterval]
 
 
 def withhold_harmful_effects(
@@ -32,7 +32,7 @@ def withhold_harmful_effects(
     An effect is asked beside those that stay: with it, and without. The worst goes first, for two that are wrong may hide each other. Two
     engines differ by as much as an effect of usual size changes in a window, so only what is surely worse goes (`_worse`).
     """
-    withheld: dict[str, Value] = {}
+    withheld: dict[str, ValueWithInterval] = {}
     after = prediction_errors(recordings, patch, camera, panda) if recordings and patch.effects else None
     while after is not None and patch.effects:
         worse = []
@@ -50,7 +50,7 @@ def withhold_harmful_effects(
     return CheckedPatch(patch, withheld)
 
 
-def _worse(without: np.ndarray, after: np.ndarray) -> Value | None:
+def _worse(without: np.ndarray, after: np.ndarray) -> ValueWithInterval | None:
     """The share of the error of windows (n,) px that is gone after, where that is surely less than none, in 95 % of draws of them: of their sum; or of
     what is left of one, on geometric average, where the sum is no better. A few windows in which a tip slips or holds by chance are most of a
     sum, and hide that nearly all others are worse; what is better in sum stays, for one tap that comes right is worth many drags."""

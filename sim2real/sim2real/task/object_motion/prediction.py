@@ -10,7 +10,7 @@ import numpy as np
 from np_description.camera import CAMERA, Camera
 from np_description.panda import NOMINAL, PandaModel
 from sim2real.effects.patch import Patch
-from sim2real.effects.saying import Value
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.recordings.reading import ContractViolation
 from sim2real.task.object_motion.simulator import WindowSimulator
 from sim2real.task.object_motion.windows import MotionWindow, find_windows
@@ -29,7 +29,7 @@ class MotionPrediction:
     before: float
     after: float
     windows: int
-    removed: Value
+    removed: ValueWithInterval
     by_effect: dict[str, float]
     held_out: bool = False
 
@@ -82,13 +82,13 @@ def predict_motion(
     )
 
 
-def removed_share(before: np.ndarray, after: np.ndarray) -> Value:
+def removed_share(before: np.ndarray, after: np.ndarray) -> ValueWithInterval:
     """Share of errors (n,) that is gone after, with its 95 % interval by the bootstrap over windows."""
     drawn = _drawn(len(before))
     return _gone(after.sum() / before.sum(), after[drawn].sum(axis=1) / before[drawn].sum(axis=1))
 
 
-def typical_removed_share(before: np.ndarray, after: np.ndarray) -> Value:
+def typical_removed_share(before: np.ndarray, after: np.ndarray) -> ValueWithInterval:
     """As `removed_share`, of the geometric mean of what is left of each window's error (n,): in it a window counts as much as any other, where a sum is
     what a few of them say in which a tip hops."""
     left = np.log(after / before)
@@ -99,10 +99,10 @@ def _drawn(count: int) -> np.ndarray:
     return np.random.default_rng(0).integers(count, size=(MOTION.draws, count))
 
 
-def _gone(left: float, drawn: np.ndarray) -> Value:
+def _gone(left: float, drawn: np.ndarray) -> ValueWithInterval:
     """1 - left, with the interval of draws of it."""
     low, high = np.quantile(1 - drawn, [0.025, 0.975])
-    return Value(float(1 - left), float(low), float(high))
+    return ValueWithInterval(float(1 - left), float(low), float(high))
 
 
 def _error(simulated: WindowSimulator, window: MotionWindow) -> float:

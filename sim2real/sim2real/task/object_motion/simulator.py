@@ -15,8 +15,8 @@ from np_description.domains import Domain, Pose
 from np_description.keypoints import box_keypoints
 from np_description.mujoco_engine import MujocoEngine
 from np_description.panda import NOMINAL, PandaModel
+from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch
-from sim2real.effects.view_effects import ViewEffects
 from sim2real.recordings.reading import ContractViolation
 from sim2real.task.object_motion.windows import MotionWindow
 from sim2real.task.suite.object_pose import camera_over_table, pose_between
@@ -46,7 +46,7 @@ class WindowSimulator:
     ):
         change = patch.scene_change()
         self._change = replace(change, table=(1.0 + rougher) * change.table)
-        self._domain, self._view = domain, ViewEffects(patch, camera)
+        self._domain, self._view = domain, CameraEffects(patch, camera)
         self._late = sum(e.get("delay") for e in patch.of("camera_latency"))
         self._late += sum(e.get("offset") for e in patch.of("clock_offset"))
         contact = replace(STEADY, hand=domain.contact.hand)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from np_description.camera import CAMERA, Camera
-from sim2real.effects.saying import Value
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.excitation.contact_suite.tip import RADIUS
 from sim2real.task.suite.oscillating_push import apply_play, find_oscillating_pushes
 from sim2real.task.suite.pushed_object import PushedObject, find_push_end, mean_image_row, track_displacement
@@ -32,7 +32,7 @@ class ImageLatency:
     where nothing is said; each (k,) s: of every push; doubt: why nothing is said. pushes: what it rests on."""
 
     verdict: str
-    late: Value | None
+    late: ValueWithInterval | None
     each: tuple[float, ...]
     pushes: tuple[PushedObject, ...]
     doubt: str = ""
@@ -63,7 +63,7 @@ def latency_from_pushes(pushes: tuple[PushedObject, ...]) -> ImageLatency:
     rows = np.array([one.row for one in kept])
     value, own = _middle(np.array(each), deviations, rows)
     deviation = float(np.hypot(own, LAG.common))
-    late = Value(value, value - HALF_WIDTH * deviation, value + HALF_WIDTH * deviation)
+    late = ValueWithInterval(value, value - HALF_WIDTH * deviation, value + HALF_WIDTH * deviation)
     return ImageLatency("ambiguous" if late.low > LAG.seen or late.high < -LAG.seen else "no_gap", late, each, kept)
 
 

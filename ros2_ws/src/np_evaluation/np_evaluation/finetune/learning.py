@@ -50,8 +50,8 @@ class Learning:
 
 def carried(patch: Patch) -> tuple[Patch, list[str]]:
     """The part of a patch that training has in its simulator, and what is left out, in words."""
-    kept = [e for e in patch.effects if "training" in e.record.carriers]
-    left = [f"{e.effect} at {e.component}" for e in patch.effects if "training" not in e.record.carriers]
+    kept = [e for e in patch.effects if "training" in e.definition.supported_in]
+    left = [f"{e.effect} at {e.component}" for e in patch.effects if "training" not in e.definition.supported_in]
     return Patch(tuple(kept)), left
 
 

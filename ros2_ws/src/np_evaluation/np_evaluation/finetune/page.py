@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 from sim2real.effects.patch import Patch
-from sim2real.effects.saying import Value, say
+from sim2real.effects.sentences import ValueWithInterval, describe_effect
 
 from np_common.html_pages import page, style, svg
 from np_evaluation.finetune.stages import KEPT
@@ -115,10 +115,10 @@ def _curve(ax, log: Path) -> None:
 def _said(effect) -> str:
     """An effect of the patch in words; intervals are in the doctor's own report."""
     values = {name: _Plain(value) for name, value in effect.values.items()}
-    return say(effect.record, effect.component, values, "the simulator")
+    return describe_effect(effect.definition, effect.component, values, "the simulator")
 
 
-class _Plain(Value):
+class _Plain(ValueWithInterval):
     """A number without an interval."""
 
     def __init__(self, value: float):

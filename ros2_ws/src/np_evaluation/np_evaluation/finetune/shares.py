@@ -39,7 +39,7 @@ def _kind(effect: PatchEffect) -> str:
 
 
 def _module(effect: PatchEffect) -> str:
-    return effect.record.module
+    return effect.definition.module
 
 
 def _whose(effect: PatchEffect) -> str:

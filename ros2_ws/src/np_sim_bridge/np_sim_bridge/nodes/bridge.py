@@ -16,8 +16,8 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch, load_patch
-from sim2real.effects.view_effects import ViewEffects
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
@@ -60,7 +60,7 @@ class Bridge(Node):
         self._schedule = Schedule(settings.policy_rate, settings.image_rate)
         self._barrier = Barrier(self._schedule, tick_barrier=settings.tick_barrier)
         patch = load_patch(settings.effects) if settings.effects else Patch()
-        view = ViewEffects(patch, calibrated_camera(settings.calibration), settings.seed)
+        view = CameraEffects(patch, calibrated_camera(settings.calibration), settings.seed)
         self._simulation = Simulation(
             settings.domain,
             scenario=settings.scenario,
@@ -97,7 +97,7 @@ class Bridge(Node):
         gc.collect()
         gc.freeze()  # what start-up made stays: later collections need not walk it
 
-    def _make_camera(self, patch: Patch, view: ViewEffects) -> SimulatedCamera:
+    def _make_camera(self, patch: Patch, view: CameraEffects) -> SimulatedCamera:
         settings, drawn = self._settings, self._simulation.model
         if settings.look == MESHES:  # a second model: what is simulated knows nothing of meshes
             change = patch.scene_change()

@@ -12,8 +12,8 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
+from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch, load_patch
-from sim2real.effects.view_effects import ViewEffects
 
 from np_description.calibration import calibrated_camera
 from np_description.camera import CAMERA
@@ -47,7 +47,7 @@ class KeypointOracle(Node):
         calibration = parameter(self, "calibration", "", "File written by `calibrate`; empty: the camera as trained.")
         effects = parameter(self, "effects", "", "Patch file of effects that camera and detector have.")
         patch = load_patch(effects) if effects else Patch()
-        self._view = ViewEffects(patch, calibrated_camera(calibration), self._seed)
+        self._view = CameraEffects(patch, calibrated_camera(calibration), self._seed)
         self._corners = SeenCorners(np.asarray(domain.half_size), self._view.oldest)
         self._diagnostics = Diagnostics(self)
         lockstep = mode == "lockstep"

@@ -15,7 +15,7 @@ import numpy as np
 from sim2real.effects.evidence import Context
 from sim2real.effects.stage import Stage
 
-MODEL = 0.015  # share to which two discretisations of the same law agree: learnt on development cases
+MODEL_ERROR = 0.015  # share to which two discretisations of the same law agree: learnt on development cases
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ WHOLE = Parameter("share", "1", 0.7, 1.3, 0.02, 1.0)  # all of it, or it is anot
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class NonlinearParameter:
     """A parameter that columns are not linear in.
 
     linear: to first order the effect is proportional to it, so that the only coefficient is its share, and value times
@@ -52,7 +52,7 @@ class Shape:
     name: str
     unit: str
     value: float
-    rebuild: Callable[[float], Signature]
+    rebuild: Callable[[float], EffectRegressor]
     linear: bool = False
     background: float = 0.0
     least: float = 0.0
@@ -63,7 +63,7 @@ Columns = Callable[[Context, int], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Signature:
+class EffectRegressor:
     """One way in which an effect may show in a recording.
 
     columns: stage -> function(context, joint) -> (n, parameters), residual per unit. An effect of one joint acts on that
@@ -80,13 +80,13 @@ class Signature:
     columns: Mapping[Stage, Columns]
     source: str
     variant: str = ""
-    shape: Shape | None = None
+    shape: NonlinearParameter | None = None
     is_arm: bool = False
     component: str = "arm"
     only_joint: int | None = None
     constants: Mapping[str, float] = field(default_factory=dict)
     absorbs: str = ""
-    model: float = MODEL
+    model: float = MODEL_ERROR
     acts: float = 1.0
 
     @property

@@ -10,7 +10,7 @@ from np_description.panda import NOMINAL, PandaModel
 
 
 @dataclass(frozen=True, eq=False)
-class Weight:
+class GravityModel:
     """share: of the nominal gravity torque that is compensated; bias (7,) rad: by which the angles are read wrong that it is
     compensated at; tilt: (roll, pitch) rad of the base."""
 
@@ -19,7 +19,7 @@ class Weight:
     tilt: tuple[float, float] = (0.0, 0.0)
 
 
-class Hold:
+class GravityTorque:
     """Torque that holds an arm of MuJoCo's."""
 
     def __init__(self, panda: PandaModel = NOMINAL, tilt: tuple[float, float] = (0.0, 0.0)):

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from math import degrees, floor, log10
 from string import Formatter
 
-from sim2real.effects.record import ARM, EffectRecord, Place
-from sim2real.effects.view_record import ViewRecord
+from sim2real.effects.effect import ARM, ARM_TARGETS, Effect, Target
 
 _SCALES = {"%": 100.0, "ppm": 1e6, "ms": 1e3, "mm": 1e3, "mrad": 1e3, "mrad/Nm": 1e3, "deg": degrees(1.0)}
 """Units that a phrase may ask for in place of the quantity's own, by what they are of it."""
 
 
 @dataclass(frozen=True)
-class Value:
+class ValueWithInterval:
     """A number that was found, with its 95 % interval, in the quantity's own unit.
 
     In a phrase "{level:Nm more/less}" asks for it in Nm, and for the word that its sign means; "{share:%}" in per cent. Within a unit
@@ -41,38 +40,38 @@ class Value:
         return f"{said} {unit} ({lowest} to {highest}){word}".replace("_", " ")
 
 
-def say(record: EffectRecord | ViewRecord, component: str, values: Mapping[str, Value], nominal: str) -> str:
+def describe_effect(effect: Effect, component: str, values: Mapping[str, ValueWithInterval], nominal: str) -> str:
     """What the effect is, as half a sentence: "joint 4 has 0.80 Nm (0.79 to 0.81) more dry friction".
 
     values: by the quantity's name; one that was not found is zero. nominal: what is compared with, "the simulator".
     """
-    known = {q.name: values.get(q.name, Value(0.0, 0.0, 0.0)) for q in record.quantities}
-    phrase = record.said or _plain(record)
-    where = place(record.place, component) if isinstance(record, EffectRecord) else str(record.part)
+    known = {q.name: values.get(q.name, ValueWithInterval(0.0, 0.0, 0.0)) for q in effect.quantities}
+    phrase = effect.sentence_template or _plain(effect)
+    where = describe_component(effect.target, component) if effect.target in ARM_TARGETS else str(effect.target)
     return phrase.format(at=where, nominal=nominal, **known)
 
 
-def fields(phrase: str) -> set[str]:
+def template_fields(phrase: str) -> set[str]:
     """The names that a phrase asks for."""
     return {name for _, name, _, _ in Formatter().parse(phrase) if name}
 
 
-def place(kind: Place, component: str) -> str:
+def describe_component(kind: Target, component: str) -> str:
     """Where it is, in words: the arm, joint 4, link 4; a joint of another arm as it is called there."""
     if component == ARM:
         return "the arm"
     number = component.removeprefix("panda_joint")
     if not number.isdigit():
         return component
-    return f"{'link' if kind is Place.LINK else 'joint'} {number}"
+    return f"{'link' if kind is Target.LINK else 'joint'} {number}"
 
 
-def _plain(record: EffectRecord) -> str:
+def _plain(effect: Effect) -> str:
     """Of a record without a phrase, somebody's own: its name and its numbers."""
     numbers = ", ".join(
-        f"{q.name.replace('_', ' ')} {{{q.name}:{q.unit.replace(' ', '_')}}}" for q in record.quantities
+        f"{q.name.replace('_', ' ')} {{{q.name}:{q.unit.replace(' ', '_')}}}" for q in effect.quantities
     )
-    return f"{{at}} has {record.id.replace('_', ' ')}: {numbers}"
+    return f"{{at}} has {effect.id.replace('_', ' ')}: {numbers}"
 
 
 def _digits(width: float, value: float) -> int:

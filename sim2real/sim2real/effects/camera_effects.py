@@ -11,8 +11,8 @@ import numpy as np
 
 from np_description.camera import CAMERA, Camera
 from np_description.keypoints import COUNT
+from sim2real.effects.effect import Disturbance
 from sim2real.effects.patch import Patch
-from sim2real.effects.view_record import Disturbance
 
 NS = 1e-9  # s
 MOMENTS = 5  # of an exposure, whose images are averaged
@@ -21,7 +21,7 @@ CornersAt = Callable[[np.ndarray], np.ndarray]
 """Corners (n, 8, 3) m in the base frame at times (n,) s."""
 
 
-class ViewEffects:
+class CameraEffects:
     """The view of a simulated camera that is believed to be `camera`.
 
     seed: of what is random; with an image's stamp it names the draw. Images are asked for in the order of their stamps; the
@@ -29,14 +29,14 @@ class ViewEffects:
     """
 
     def __init__(self, patch: Patch, camera: Camera = CAMERA, seed: int = 0):
-        self._effects = [(e.record, e.values) for e in patch.view.effects]
+        self._effects = [(e.definition, e.values) for e in patch.camera.effects]
         self._seed = seed
         self.believed = self.camera = camera
-        for record, given in self._effects:
-            if record.pose:
-                self.camera = record.pose(self.camera, given)
-        self._rows = sum(record.rows(given) for record, given in self._effects if record.rows)
-        self._exposure = sum(record.exposure(given) for record, given in self._effects if record.exposure)
+        for effect, given in self._effects:
+            if effect.camera_pose:
+                self.camera = effect.camera_pose(self.camera, given)
+        self._rows = sum(effect.readout_time(given) for effect, given in self._effects if effect.readout_time)
+        self._exposure = sum(effect.exposure(given) for effect, given in self._effects if effect.exposure)
         self._begin()
 
     def _begin(self) -> None:
@@ -46,27 +46,31 @@ class ViewEffects:
         self._drawn: tuple[float, np.ndarray] | None = (
             None  # moment s of the newest image, and where the corners are in it
         )
-        self._left = {record.id: np.zeros((COUNT, 2)) for record, _ in self._effects if record.kept}
+        self._left = {effect.id: np.zeros((COUNT, 2)) for effect, _ in self._effects if effect.has_memory}
 
     @property
     def has_lens(self) -> bool:
         """Whether any effect changes where in an image something is drawn."""
-        return any(record.lens for record, _ in self._effects)
+        return any(effect.lens for effect, _ in self._effects)
 
     @property
     def repeats(self) -> bool:
         """Whether an image may show the one before again."""
-        return any(record.repeats for record, _ in self._effects)
+        return any(effect.repeats for effect, _ in self._effects)
 
     @property
     def only_in_keypoints(self) -> tuple[str, ...]:
         """Effects of the patch that images do not carry."""
-        return tuple(record.id for record, _ in self._effects if "images" not in record.carriers)
+        return tuple(effect.id for effect, _ in self._effects if "images" not in effect.supported_in)
 
     @property
     def oldest(self) -> float:
         """s by which a scene may be older than the stamp of its image, in recordings of less than an hour."""
-        ages = (max(record.age(given, s) for s in (0.0, 3600.0)) for record, given in self._effects if record.age)
+        ages = (
+            max(effect.image_age(given, s) for s in (0.0, 3600.0))
+            for effect, given in self._effects
+            if effect.image_age
+        )
         return max(0.0, sum(ages)) + self._exposure + self._rows / 2
 
     def moment(self, stamp: int) -> float:
@@ -78,18 +82,18 @@ class ViewEffects:
             self._begin()
         if stamp != self._newest:
             now = stamp * NS
-            shares = [record.repeats(given) for record, given in self._effects if record.repeats]
+            shares = [effect.repeats(given) for effect, given in self._effects if effect.repeats]
             if self._newest < 0 or all(self._rng("frame", stamp).random() >= share for share in shares):
-                age = sum(record.age(given, now) for record, given in self._effects if record.age)
+                age = sum(effect.image_age(given, now) for effect, given in self._effects if effect.image_age)
                 self._shown = now - max(age, 0.0)
             self._newest = stamp
         return self._shown
 
     def lens(self, pixels: np.ndarray) -> np.ndarray:
         """Pixels (..., 2) at which the true lens has what an ideal one has at `pixels`."""
-        for record, given in self._effects:
-            if record.lens:
-                pixels = record.lens(pixels, self.believed, given)
+        for effect, given in self._effects:
+            if effect.lens:
+                pixels = effect.lens(pixels, self.believed, given)
         return pixels
 
     def keypoints(self, corners_at: CornersAt, stamp: int) -> np.ndarray:
@@ -123,12 +127,12 @@ class ViewEffects:
 
     def _disturb(self, stamp: int) -> np.ndarray:
         total = np.zeros((COUNT, 2))
-        for record, given in self._effects:
-            if record.move:
-                last = self._left.get(record.id, np.zeros((COUNT, 2)))
-                moved = record.move(Disturbance(given, self._rng(record.id, stamp), last))
-                if record.kept:
-                    self._left[record.id] = moved
+        for effect, given in self._effects:
+            if effect.move_keypoints:
+                last = self._left.get(effect.id, np.zeros((COUNT, 2)))
+                moved = effect.move_keypoints(Disturbance(given, self._rng(effect.id, stamp), last))
+                if effect.has_memory:
+                    self._left[effect.id] = moved
                 total += moved
         return total
 

@@ -14,14 +14,14 @@ from sim2real.effects.arrays import NUMPY, Arrays
 
 STICTION_SPEED = 0.005  # rad/s at which a friction that is an explicit torque has its full level
 
-Drive = Callable[[np.ndarray], np.ndarray]
+DriveFunction = Callable[[np.ndarray], np.ndarray]
 """Torque (..., 7) Nm to torque (..., 7) Nm, called once a period."""
-Resistance = Callable[[np.ndarray, np.ndarray], np.ndarray]
+ResistanceFunction = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Angles, speeds (..., 7) to the torque (..., 7) Nm that resists, called once a period."""
 
 
 @dataclass(frozen=True)
-class Values:
+class HookContext:
     """An effect's quantities in the patches of all arms. lead: () for one arm, (S,) for S; period s; seed of what is random;
     begin (*lead) s for which the arms had been moving; arrays: what they are arrays of."""
 
@@ -59,24 +59,26 @@ class SensorSlot(IntEnum):
 
 
 @dataclass(frozen=True)
-class OnDrive:
+class DriveHook:
     """What a drive makes of the commanded torque. of_total: of all that it gives, the gravity that it compensates included,
     but in joints with the quantity `gravity_apart`."""
 
     slot: DriveSlot
-    make: Callable[[Values], Drive]
+    make: Callable[[HookContext], DriveFunction]
     of_total: bool = False
 
 
 @dataclass(frozen=True)
-class OnSensors:
+class SensorHook:
     """What sensors make of angle, speed and torque (..., 7) each."""
 
     slot: SensorSlot
-    make: Callable[[Values], Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]]
+    make: Callable[
+        [HookContext], Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+    ]
 
 
-class Delay:
+class DelayLine:
     """A delay by a number of periods (..., 7), fractions interpolated; before the beginning, the first value."""
 
     def __init__(self, periods: np.ndarray):
@@ -98,11 +100,11 @@ def _before(past: Sequence[np.ndarray], periods: np.ndarray) -> np.ndarray:
     return (1 - share) * newer + share * older
 
 
-def direction(speed: np.ndarray) -> np.ndarray:
+def smooth_direction(speed: np.ndarray) -> np.ndarray:
     """Direction of motion -1..1, smooth through standstill."""
     return namespace(speed).tanh(speed / STICTION_SPEED)
 
 
-def unlimited(limit: np.ndarray) -> np.ndarray:
+def infinite_where_zero(limit: np.ndarray) -> np.ndarray:
     """A limit, infinite where none (0) is given."""
     return namespace(limit).where(limit > 0, limit, np.inf)

@@ -11,15 +11,15 @@ from np_description.panda import PandaModel
 ARM = "arm"
 
 
-def rows(panda: PandaModel, component: str) -> slice | int:
+def joint_rows(panda: PandaModel, component: str) -> slice | int:
     """Where in an array by joint a component is: all of them for the arm."""
     return slice(None) if component == ARM else panda.joints.index(component)
 
 
-def added(panda: PandaModel, field: str, component: str, change: float) -> PandaModel:
+def add_to_joints(panda: PandaModel, field: str, component: str, change: float) -> PandaModel:
     """The arm with `change` added to a number by joint. Less than none is the caller's to prevent (`Patch.panda`)."""
     values = np.array(getattr(panda, field))
-    values[rows(panda, component)] += change
+    values[joint_rows(panda, component)] += change
     return replace(panda, **{field: values})
 
 
