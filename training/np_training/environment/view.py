@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from sim2real.effects.patch import Patch
 from sim2real.effects.effect import Disturbance
+from sim2real.effects.patch import Patch
 
 from np_description.camera import CAMERA
 from np_description.keypoints import COUNT
