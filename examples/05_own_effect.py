@@ -6,13 +6,13 @@ from pathlib import Path
 os.environ["NP_EFFECTS_PATH"] = str(Path(__file__).parent / "effects")  # before the registry is imported
 
 import numpy as np
+from sim2real.effects import EFFECTS
 from sim2real.effects.arm_effects import ArmEffects
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.effects.registry import RECORDS
 
 from np_description.panda import NOMINAL
 
-effect = RECORDS["steady_pull"]
+effect = EFFECTS["steady_pull"]
 print("parameters:", ", ".join(f"{q.name} {q.lower:g} to {q.upper:g} {q.unit}" for q in effect.quantities))
 
 pull = Patch((PatchEffect("steady_pull", "arm", {"force_z": -5.0}),))

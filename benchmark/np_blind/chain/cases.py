@@ -23,7 +23,7 @@ from np_description.panda import NOMINAL
 
 SET = "task"
 OUT = "out"
-RECORDS = {**SCENE_EFFECTS, **CAMERA_EFFECTS}
+EFFECTS = {**SCENE_EFFECTS, **CAMERA_EFFECTS}
 Gap = dict[str, float]
 
 
@@ -68,12 +68,12 @@ class Case:
     @property
     def effects(self) -> tuple[str, ...]:
         """Those of the catalogue that the gap is made of."""
-        return tuple(name for name in self.gap if name in RECORDS)
+        return tuple(name for name in self.gap if name in EFFECTS)
 
     @property
     def patch(self) -> Patch:
         """What is other than believed, but for what is out of the catalogue."""
-        own = [PatchEffect(name, str(RECORDS[name].target), self.gap[name]) for name in self.effects]
+        own = [PatchEffect(name, str(EFFECTS[name].target), self.gap[name]) for name in self.effects]
         return Patch((*own, *(PatchEffect(*one) for one in self.usual)))
 
     def stranger(self, name: str, quantity: str) -> float:
