@@ -5,7 +5,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from sim2real import diagnose, load_arm, load_npz
+from sim2real import diagnose, load_arm, load_log
 
 MODEL = Path(__file__).parent / "arms/six_hinges.xml"
 TORQUE_PER_AMPERE = np.array([11.0, 12.0, 10.5, 7.5, 8.0, 7.0])  # Nm/A; the diagnosis does not get them
@@ -39,5 +39,5 @@ if __name__ == "__main__":
     file = Path("loaded.npz")
     record(file)
     arm = load_arm(MODEL, tip="tool")
-    diagnosis = diagnose([load_npz(file, arm)], arm)
+    diagnosis = diagnose([load_log(file, arm.joints)], arm)
     print(diagnosis.summary())
