@@ -118,8 +118,8 @@ def test_what_is_off_is_found_within_its_interval(effect, domain):
     rng = np.random.default_rng([7, list(GAPS).index(effect), domain is CARD])
     truth = GAPS[effect] + usual(rng)
     found = diagnose_camera(places(Case(truth, Detector(own=0.3), domain, 12), rng))
-    assert found.verdict in ("identified", "ambiguous"), found.doubt
-    ways = {name: sizes for one in found.named for name, sizes in ((one.effect, one.sizes), *one.rivals.items())}
+    assert found.verdict in ("identified", "ambiguous"), found.abstention_reason
+    ways = {way.name: way.estimates for one in found.findings for way in one.hypotheses}
     assert effect in ways
     values = dict(zip(NAMES, truth.numbers))
     held = [value.low <= values[name] <= value.high for name, value in ways[effect].items()]
@@ -132,14 +132,14 @@ def test_where_nothing_is_off_nothing_is_named(detector):
     for seed in range(4):  # np_blind.camera.views counts over many
         rng = np.random.default_rng([8, seed])
         found = diagnose_camera(places(Case(usual(rng), detector, (CARD, BUMP)[seed % 2], 8), rng))
-        assert found.verdict in ("no_gap", "undetermined") and not found.named
+        assert found.verdict in ("no_gap", "undetermined") and not found.findings
         assert found.verdict == "no_gap" or detector is UNMEASURED
 
 
 def test_the_centre_of_the_image_and_a_bias_of_corners_are_one():
     rng = np.random.default_rng(9)
     found = diagnose_camera(places(Case(GAPS["image_offset"] + usual(rng), Detector(), CARD, 12), rng))
-    one = next(n for n in found.named if "image_offset" in (n.effect, *n.rivals))
+    one = next(n for n in found.findings if "image_offset" in {way.name for way in n.hypotheses})
     assert set(EFFECTS["image_offset"].ids) == {"camera_intrinsics", "keypoint_bias"}
     assert found.verdict == "ambiguous" and any("marked by hand" in text for text in one.split_by)
     assert not [e for e in document(found)["effects"] if e["effect"] == "keypoint_bias"]
@@ -159,16 +159,16 @@ def test_without_a_measured_pose_table_and_camera_are_a_class(truth, members, ex
     """A camera that is lower sees what it would if the table were higher: where the object was put down nobody has told."""
     sharp = replace(UNMEASURED, own=0.15, shared=0.05)
     found = diagnose_camera(places(Case(truth, sharp, BUMP, 14), np.random.default_rng(10)))
-    assert found.verdict == "ambiguous", found.doubt
-    classes = [{one.effect, *one.rivals} for one in found.named]
+    assert found.verdict == "ambiguous", found.abstention_reason
+    classes = [{way.name for way in one.hypotheses} for one in found.findings]
     assert any(members <= one for one in classes), classes
-    assert any(experiment in text for one in found.named for text in one.split_by)
+    assert any(experiment in text for one in document(found)["named"] for text in one["split_by"])
 
 
 def test_with_a_measured_pose_the_table_is_no_longer_the_camera():
     found = diagnose_camera(places(Case(Truth(height=0.006), Detector(), BUMP, 12), np.random.default_rng(11)))
-    assert found.verdict == "identified" and [one.effect for one in found.named] == ["table_height"]
-    size = found.named[0].sizes["table_height"]
+    assert found.verdict == "identified" and [one.hypotheses[0].name for one in found.findings] == ["table_height"]
+    size = found.findings[0].hypotheses[0].estimates["table_height"]
     assert size.low < 0.006 < size.high and size.high - size.low < 0.002
 
 
@@ -195,7 +195,7 @@ def test_too_few_places_tell_nothing_and_say_what_is_missing(detector):
 )
 def test_what_it_has_no_word_for_is_unexplained(case, words):
     found = diagnose_camera(places(case, np.random.default_rng(13)))
-    assert found.verdict == "unexplained" and words in found.doubt
+    assert found.verdict == "unexplained" and words in found.abstention_reason
     assert document(found)["effects"] == []
 
 
@@ -207,7 +207,7 @@ def test_places_where_it_does_not_lie_flat_are_left_out():
     found = diagnose_camera([*made[:2], swapped, made[3], lifted, *made[5:]])
     assert set(found.left_out) == {names[2], names[4]} and found.places == 6
     wrong = [replace(p, pixels=p.pixels[[3, 0, 7, 1, 5, 2, 4, 6]], position=None, rotation=None) for p in made]
-    assert diagnose_camera(wrong).verdict == "unexplained" and "lies flat" in diagnose_camera(wrong).doubt
+    assert diagnose_camera(wrong).verdict == "unexplained" and "lies flat" in diagnose_camera(wrong).abstention_reason
 
 
 def test_what_is_no_place_is_refused_in_words():
@@ -261,7 +261,7 @@ def test_from_bags_to_words(tmp_path, monkeypatch, capsys):
     found = json.loads(told[-1])["stages"]["view"]
     assert found["places"] == 4 and found["verdict"] in ("identified", "ambiguous")
     assert any("camera_turn" in (n["name"], *(r["name"] for r in n["rivals"])) for n in found["named"])
-    assert "<svg" in (tmp_path / "out/chain.html").read_text()
+    assert "<svg" in (tmp_path / "out/task.html").read_text()
     assert command.main([bag_names[0]]) == 0
     assert "one place" in capsys.readouterr().out
     other = record_episode(tmp_path / "other", SECONDS_PERIODS, information={"calibration": "camera.yaml"})

@@ -255,7 +255,7 @@ def pulled(pull, seed=1):
 def test_an_object_that_something_pulls_is_unexplained_and_the_pull_is_told():
     assert all(estimate_friction_and_mass(pulled((0.0, 0.0), seed), BELIEVED).verdict == "no_gap" for seed in range(6))
     found = estimate_friction_and_mass(pulled((-0.3, 0.2)), BELIEVED)
-    assert found.verdict == "unexplained" and "pulls the object by -0.3" in found.doubt
+    assert found.verdict == "unexplained" and "pulls the object by -0.3" in found.abstention_reason
 
 
 def test_what_pulls_an_object_down_at_one_place_is_no_mass():
@@ -271,7 +271,7 @@ def test_what_pulls_an_object_down_at_one_place_is_no_mass():
 
     assert all(estimate_friction_and_mass(pulled_down(0.0, seed), BELIEVED).verdict == "no_gap" for seed in range(6))
     found = estimate_friction_and_mass(pulled_down(1.5, 1), BELIEVED)
-    assert found.verdict == "unexplained" and "more at one place than at another" in found.doubt
+    assert found.verdict == "unexplained" and "more at one place than at another" in found.abstention_reason
 
 
 def tapped(slowed, seed):
@@ -287,10 +287,12 @@ def tapped(slowed, seed):
 def test_a_heavier_object_slides_as_far_and_one_that_is_pulled_down_does_not(seed):
     by_weight = BELIEVED.table * 9.81
     heavier = estimate_friction_and_mass(readings(mass=1.7), BELIEVED, tapped(by_weight, seed))
-    assert heavier.verdict == "identified" and [one.effect for one in heavier.explained.named] == ["object_mass"]
+    assert heavier.verdict == "identified" and [one.hypotheses[0].name for one in heavier.comparison.findings] == [
+        "object_mass"
+    ]
     assert fit_deceleration(tapped(by_weight, seed)) == pytest.approx(by_weight, rel=0.1)
     held = estimate_friction_and_mass(readings(mass=1.7), BELIEVED, tapped(1.7 * by_weight, seed))
-    assert held.verdict == "unexplained" and "are no weight" in held.doubt
+    assert held.verdict == "unexplained" and "are no weight" in held.abstention_reason
     assert (
         estimate_friction_and_mass(readings(mass=1.7), BELIEVED, tapped(1.7 * by_weight, seed)[:1]).verdict
         == "identified"
@@ -303,8 +305,8 @@ def test_a_heavier_object_slides_as_far_and_one_that_is_pulled_down_does_not(see
 )
 def test_forces_name_what_changed_and_predict_what_was_left_out(change, effect):
     found = estimate_friction_and_mass(readings(**change), BELIEVED)
-    assert found.verdict == "identified" and [one.effect for one in found.explained.named] == [effect]
-    (size,) = found.explained.named[0].sizes.values()
+    assert found.verdict == "identified" and [one.hypotheses[0].name for one in found.comparison.findings] == [effect]
+    (size,) = found.comparison.findings[0].hypotheses[0].estimates.values()
     assert size.low <= np.log(*change.values()) <= size.high
     assert found.after < 0.5 * found.before
 
@@ -317,8 +319,8 @@ def test_nothing_is_named_where_nothing_changed():
 def test_pushes_alone_hold_friction_and_mass_as_one():
     found = estimate_friction_and_mass(readings(mass=1.6, kinds=("push",)), BELIEVED)
     assert found.verdict == "ambiguous"
-    (one,) = found.explained.named
-    assert {one.effect, *one.rivals} == {"table_friction", "object_mass"}
+    (one,) = found.comparison.findings
+    assert {way.name for way in one.hypotheses} == {"table_friction", "object_mass"}
 
 
 def test_too_few_readings_say_nothing():
@@ -329,13 +331,15 @@ def test_what_is_not_measured_is_unseen():
     spread = np.array(THRESHOLDS.touching.height)
     measured = MeasuredChanges(("a",), np.zeros(1), np.eye(1), spread[:1], spread[1:], {"x": ("a",)})
     found = compare_hypotheses(measured)
-    assert found.verdict == "undetermined" and found.unseen == ("a",)
+    assert found.verdict == "undetermined" and found.unidentifiable == ("a",)
 
 
 @pytest.mark.parametrize("finger", [0.4, 0.6])
 def test_strokes_that_slip_in_one_proportion_are_the_fingertips(finger):
     found = estimate_friction_and_mass(readings() + slips(finger, (1.2, 4.3)), BELIEVED)
-    assert found.verdict == "identified" and [one.effect for one in found.explained.named] == ["gripper_friction"]
+    assert found.verdict == "identified" and [one.hypotheses[0].name for one in found.comparison.findings] == [
+        "gripper_friction"
+    ]
     value, low, high = found.measured["finger"]
     assert low <= finger <= high and high - low < 0.3 * finger
 
@@ -344,7 +348,7 @@ def test_a_weak_stroke_is_not_asked_to_agree_better_than_it_can():
     strong = slips(0.48, (3.2, 5.1, 6.3))
     weak = [replace(one, force=0.56 * one.normal, deviation=0.05) for one in slips(0.48, (1.1,))]
     found = estimate_friction_and_mass(readings() + strong + weak, BELIEVED)
-    assert [one.effect for one in found.explained.named] == ["gripper_friction"]
+    assert [one.hypotheses[0].name for one in found.comparison.findings] == ["gripper_friction"]
     sure = [replace(one, force=0.62 * one.normal) for one in slips(0.48, (8.0,))]
     assert "finger" not in estimate_friction_and_mass(readings() + strong + sure, BELIEVED).measured
 
@@ -353,7 +357,9 @@ def test_strokes_that_hop_or_one_that_slips_say_no_fingertip():
     hopped = [replace(one, force=ratio * one.normal) for one, ratio in zip(slips(1.0, (1.2, 4.3)), (0.8, 0.5))]
     for seen in (hopped, slips(0.5, (4.3,))):
         found = estimate_friction_and_mass(readings() + seen, BELIEVED)
-        assert found.verdict == "no_gap" and "finger" not in found.measured and "finger" in found.explained.unseen
+        assert (
+            found.verdict == "no_gap" and "finger" not in found.measured and "finger" in found.comparison.unidentifiable
+        )
 
 
 def test_an_object_that_lags_and_a_face_that_is_held_down_do_not_feign_a_mass():
@@ -385,7 +391,9 @@ def test_strokes_that_a_tip_of_their_proportion_would_have_led_say_that_it_hops(
     weight = BELIEVED.mass * 9.81
     led = [replace(one, force=BELIEVED.table * (one.normal + weight), follows=0.95) for one in strong]
     hopped, true = (estimate_friction_and_mass(readings() + weak + more, BELIEVED) for more in (strong, led))
-    assert "finger" not in hopped.measured and not [n for n in hopped.explained.named if n.effect == "gripper_friction"]
+    assert "finger" not in hopped.measured and not [
+        n for n in hopped.comparison.findings if n.hypotheses[0].name == "gripper_friction"
+    ]
     assert true.measured["finger"][0] == pytest.approx(0.62, rel=0.05)
 
 

@@ -8,9 +8,9 @@ import yaml
 from scipy.signal import lfilter
 from sim2real.effects.patch import load_patch
 from sim2real.recordings.reading import ContractViolation
+from sim2real.report.noise_sentences import document
 from sim2real.task.keypoint_noise import estimate_keypoint_noise
 from sim2real.task.keypoint_track import KeypointTrack, find_rests
-from sim2real.task.noise_effects import document
 from sim2real.thresholds import THRESHOLDS
 
 from np_description.camera import CAMERA

@@ -90,10 +90,10 @@ def row(kind: str, seed: int, number: int, measured: bool) -> dict:
 
 def _judged(kind: str, gap: Truth, truth: Truth, found: CameraDiagnosis) -> dict:
     ids = {effect: set(EFFECTS[effect].ids) for effect in EFFECTS}
-    named = [{one.effect, *one.rivals} for one in found.named]
+    named = [{way.name for way in one.hypotheses} for one in found.findings]
     true = {e for e, (field, _, _) in LIMITS.items() if np.any(np.asarray(getattr(gap, field)))}
     values = dict(zip(NAMES, truth.numbers))
-    told = [(e, s) for one in found.named for e, s in ((one.effect, one.sizes), *one.rivals.items())]
+    told = [(way.name, way.estimates) for one in found.findings for way in one.hypotheses]
     is_said = found.verdict in ("identified", "ambiguous")
     sizes = {k: v for effect, own in told if is_said and effect in true for k, v in own.items()}
     right = [any(ids[t] & ids[e] for cls in named for e in cls) for t in true]
@@ -105,7 +105,7 @@ def _judged(kind: str, gap: Truth, truth: Truth, found: CameraDiagnosis) -> dict
         "sizes": len(sizes),
         "held_bounds": sum(bool(v.low <= values[k] <= v.high) for k, v in found.bounds.items()),
         "bounds": len(found.bounds),
-        "doubt": found.doubt,
+        "doubt": found.abstention_reason,
     }
 
 

@@ -8,10 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch
+from sim2real.effects.view_effects import ViewEffects
+from sim2real.report.task_sentences import finding_text
 from sim2real.task.camera.rest_poses import find_rest_poses
 from sim2real.task.contact_force.fit import NominalContact
 from sim2real.task.diagnosis import TaskDiagnosis, TaskRecordings, diagnose_task, make_patch
-from sim2real.task.findings import module_of
+from sim2real.task.hypotheses import module_of
 from sim2real.task.object_motion.patch_check import CheckedPatch, withhold_harmful_effects
 from sim2real.task.object_motion.prediction import prediction_errors, removed_share
 from sim2real.task.object_motion.windows import FAMILIES
@@ -79,9 +81,9 @@ MAGNET = 0.05  # m from a magnet at which its pull is half
 
 def judged(case: Case, found: TaskDiagnosis) -> dict:
     """What is right about an answer."""
-    claims = [claim for row in found.rows for claim in row.claims]
-    named = [sorted({one for way in claim.ways for one in way.ids}) for claim in claims]
-    modules = sorted({row.module for row in found.rows if row.claims or row.verdict == "unexplained"})
+    findings = [one for result in found.modules for one in result.findings]
+    named = [sorted({one for way in finding.hypotheses for one in way.effects}) for finding in findings]
+    modules = sorted({one.module for one in found.modules if one.findings or one.verdict == "unexplained"})
     hits = [effect for effect in case.effects if any(effect in ids for ids in named)]
     wrong = sum(not set(case.effects) & set(ids) for ids in named)
     return {
@@ -89,10 +91,10 @@ def judged(case: Case, found: TaskDiagnosis) -> dict:
         "kind": case.kind,
         "gap": case.gap,
         "verdict": found.verdict,
-        "rows": {row.module: row.verdict for row in found.rows},
+        "rows": {one.module: one.verdict for one in found.modules},
         "named": named,
-        "said": [" or ".join(way.said for way in claim.ways) for claim in claims],
-        "doubts": found.doubts,
+        "said": [finding_text(one) for one in findings],
+        "doubts": found.abstention_reasons,
         "module": modules == sorted({module_of(e) for e in case.effects}) if case.effects else None,
         "found": hits,
         "effect": len(hits) == len(case.effects) and not wrong if case.effects else None,
@@ -144,20 +146,20 @@ def _intervals(case: Case, found: TaskDiagnosis) -> dict[str, dict]:
         "mass": believed.mass * change.mass,
     }
     told = {}
-    if found.force and found.force.measured:
-        told |= {name: (truths[name], *values) for name, values in found.force.measured.items()}
-    if found.touch and found.touch.explained and "height" in found.touch.explained.bounds:
-        value = found.touch.explained.bounds["height"]
+    if found.forces and found.forces.measured:
+        told |= {name: (truths[name], *values) for name, values in found.forces.measured.items()}
+    if found.surfaces and found.surfaces.comparison and "height" in found.surfaces.comparison.bounds:
+        value = found.surfaces.comparison.bounds["height"]
         told["height"] = (change.lift, value.value, value.low, value.high)
-    if found.lag and found.lag.late:
+    if found.latency and found.latency.late:
         late = sum(e.get("delay") for e in patch.of("camera_latency"))
-        told["late"] = (late, found.lag.late.value, found.lag.late.low, found.lag.late.high)
-    if found.meeting and found.meeting.explained:
-        for axis, off in zip("xy", _shown_off(found.seen.tasks[0], patch)):
-            value = found.meeting.explained.bounds[axis]
+        told["late"] = (late, found.latency.late.value, found.latency.late.low, found.latency.late.high)
+    if found.hand_eye and found.hand_eye.comparison:
+        for axis, off in zip("xy", _shown_off(found.recordings.tasks[0], patch)):
+            value = found.hand_eye.comparison.bounds[axis]
             told[f"picture_{axis}"] = off, value.value, value.low, value.high
-    if found.force and found.force.least_finger is not None:
-        told["least_finger"] = (truths["finger"], found.force.least_finger, found.force.least_finger, np.inf)
+    if found.forces and found.forces.least_finger is not None:
+        told["least_finger"] = (truths["finger"], found.forces.least_finger, found.forces.least_finger, np.inf)
     return {
         name: {
             "true": true,

@@ -91,8 +91,8 @@ def diagnosis(log: Log | None, tasks: Sequence[TaskRecording]) -> tuple[Patch, d
     told = {
         "arm": verdict,
         "chain": chain.verdict,
-        "rows": {row.module: row.verdict for row in chain.rows},
-        "doubts": chain.doubts,
+        "rows": {row.module: row.verdict for row in chain.modules},
+        "doubts": chain.abstention_reasons,
         "not_patched": [*left_out, *kept.withheld],
     }
     return Patch((*found.effects, *kept.patch.effects)), told

@@ -1,4 +1,4 @@
-"""What commands of this package answer with: a refusal, or files in a folder."""
+"""What commands of this package write: a contract violation, or result files in a folder."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-REFUSED = 2  # the exit status of a command that was given what breaks its contract
+VIOLATION = 2  # exit status of a command whose input breaks its contract
 
 
 def report_violation(violation: Exception) -> int:
-    """Say what broke the contract, to whoever reads and as the JSON object that is printed last; the exit status."""
+    """Print a contract violation to stderr and as the last JSON object; the exit status."""
     print(f"contract violation: {violation}", file=sys.stderr)
     print(json.dumps({"error": f"contract violation: {violation}"}))
-    return REFUSED
+    return VIOLATION
 
 
-def write_results(folder: Path, name: str, found: dict, draw: Callable[[], str]) -> None:
-    """Write NAME.json and, once drawn, NAME.html into a folder, which is made where there is none."""
+def write_results(folder: Path, name: str, report: dict, render: Callable[[], str]) -> None:
+    """Write NAME.json and NAME.html into a folder, which is made if needed."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{name}.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    (folder / f"{name}.html").write_text(draw(), encoding="utf-8")
+    (folder / f"{name}.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    (folder / f"{name}.html").write_text(render(), encoding="utf-8")

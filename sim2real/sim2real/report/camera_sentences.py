@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict
 
-from sim2real.effects import CAMERA_EFFECTS
-from sim2real.effects.sentences import ValueWithInterval
-from sim2real.task.camera.diagnosis import CameraDiagnosis, Named
-from sim2real.task.camera.parameters import BY_NAME, EFFECTS, PARAMETERS, SHOWN_BY
+from sim2real.effects import VIEW_RECORDS
+from sim2real.effects.saying import Value
+from sim2real.task.camera.diagnosis import CameraDiagnosis
+from sim2real.task.camera.parameters import BY_NAME, EFFECTS, PARAMETERS, SHOWN_BY, distinguishing_experiments
+from sim2real.task.hypotheses import Finding
 
 PUT_DOWN = "the object put down at eight places, all over the picture"
 
@@ -17,7 +18,7 @@ def sentences(view: CameraDiagnosis) -> list[str]:
     """The finding; what tells its members apart; what it is worth; what was left out; what the recording does not show."""
     said = [_verdict(view)]
     if view.verdict in ("identified", "ambiguous"):
-        said += [_capital(_alternatives(one)) for one in view.named]
+        said += [_capital(_alternatives(one)) for one in view.findings]
         held = view.held_out
         said.append(
             f"At places that were not fitted a corner is {held.before:.1f} px from where it is believed to be, and {held.after:.1f} px "
@@ -25,8 +26,8 @@ def sentences(view: CameraDiagnosis) -> list[str]:
         )
     if view.left_out:
         said.append(f"Left out, as the object does not lie flat there: {', '.join(view.left_out)}.")
-    if view.bounds and view.unseen and view.verdict != "unexplained":
-        said.append(f"Not narrowed by this recording: {', '.join(BY_NAME[name].said for name in view.unseen)}.")
+    if view.bounds and view.unidentifiable and view.verdict != "unexplained":
+        said.append(f"Not narrowed by this recording: {', '.join(BY_NAME[name].said for name in view.unidentifiable)}.")
     if told := next_steps(view):
         said.append(f"What would tell more: {'; '.join(told)}.")
     return said
@@ -39,9 +40,9 @@ def next_steps(view: CameraDiagnosis) -> list[str]:
     if not view.bounds:  # too few places for anything
         blind = [] if view.scene.measured.any() else ["camera_place", "table_height"]
         return [PUT_DOWN, *(SHOWN_BY[name] for name in blind)]
-    told = [text for one in view.named for text in one.split_by]
-    if not view.named:
-        hidden = (n for n, e in EFFECTS.items() if all(PARAMETERS[i].name in view.unseen for i in e.numbers))
+    told = [text for one in view.findings for text in _split_by(one)]
+    if not view.findings:
+        hidden = (n for n, e in EFFECTS.items() if all(PARAMETERS[i].name in view.unidentifiable for i in e.numbers))
         told += [SHOWN_BY[name] for name in hidden]
     return list(dict.fromkeys(told))
 
@@ -55,47 +56,51 @@ def document(view: CameraDiagnosis) -> dict:
         "places": view.places,
         "left_out": list(view.left_out),
         "off_px": view.off,
-        "named": [_named(one) for one in view.named],
+        "named": [_named(one) for one in view.findings],
         "gains_nats": view.gains,
         "bounds": _values(view.bounds),
-        "unseen": list(view.unseen),
+        "unseen": list(view.unidentifiable),
         "scatter_px": view.scatter[0] if view.scatter else None,
         "scatter_without_px": view.scatter[1] if view.scatter else None,
         "held_out": asdict(view.held_out) if view.held_out else None,
-        "doubt": view.doubt,
+        "doubt": view.abstention_reason,
         "next": next_steps(view),
     }
 
 
 def patch(view: CameraDiagnosis) -> list[dict]:
-    """Entries of `patch.yaml`: of what is named alone, and what a simulated view carries."""
+    """Entries of `patch.yaml`: findings with one hypothesis that a simulated camera models."""
     entries: dict[str, dict] = {}
-    for one in view.named if view.verdict in ("identified", "ambiguous") else ():
-        effect = EFFECTS[one.effect]
-        if one.rivals or not effect.quantities:
+    for one in view.findings if view.verdict in ("identified", "ambiguous") else ():
+        best = one.hypotheses[0]
+        if len(one.hypotheses) > 1 or not best.patch:
             continue
-        record = CAMERA_EFFECTS[effect.ids[0]]
-        entry = {"effect": record.id, "component": str(record.target), "parameters": {}}
-        values = (value.value for value in one.sizes.values())
-        entries.setdefault(record.id, entry)["parameters"].update(zip(effect.quantities, values))
+        record = VIEW_RECORDS[best.effects[0]]
+        entry = {"effect": record.id, "component": str(record.part), "parameters": {}}
+        entries.setdefault(record.id, entry)["parameters"].update(best.patch)
     return list(entries.values())
+
+
+def _split_by(one: Finding) -> tuple[str, ...]:
+    """Experiments that tell the hypotheses of a finding apart."""
+    return distinguishing_experiments(frozenset(way.name for way in one.hypotheses))
 
 
 def _verdict(view: CameraDiagnosis) -> str:
     off = "" if view.off is None else f" ({view.off:.1f} px off)"
     seen = f"at {view.places} places corners are"
     if view.verdict == "unexplained":
-        return f"Nothing that the doctor knows explains where corners are seen{off}: {view.doubt}."
+        return f"Nothing that the doctor knows explains where corners are seen{off}: {view.abstention_reason}."
     if view.verdict == "undetermined":
-        return f"The recording does not tell whether corners are where they should be{off}: {view.doubt}."
+        return f"The recording does not tell whether corners are where they should be{off}: {view.abstention_reason}."
     if view.verdict == "no_gap":
         return f"As far as this recording shows, {seen} where they are believed to be{off}."
     return f"{_capital(seen)} not where they are believed to be{off}."
 
 
-def _alternatives(one: Named) -> str:
-    """An effect with its rivals, each with the sizes that it has where it stands alone."""
-    ways = [effect_text(name, sizes) for name, sizes in ((one.effect, one.sizes), *one.rivals.items())]
+def _alternatives(one: Finding) -> str:
+    """A finding with all its hypotheses, each with the sizes that it has where it stands alone."""
+    ways = [effect_text(way.name, way.estimates) for way in one.hypotheses]
     return f"{ways[0]}." if len(ways) == 1 else f"either {'; or '.join(ways)}."
 
 
@@ -116,16 +121,15 @@ class _Unknown:
         return f"? {unit}".strip()
 
 
-def _named(one: Named) -> dict:
-    effect = EFFECTS[one.effect]
-    rivals = [{"name": n, "effect": list(EFFECTS[n].ids), "sizes": _values(v)} for n, v in one.rivals.items()]
+def _named(one: Finding) -> dict:
+    best, *rivals = one.hypotheses
     return {
-        "name": one.effect,
-        "effect": list(effect.ids),
-        "gain_nats": one.gain,
-        "sizes": _values(one.sizes),
-        "rivals": rivals,
-        "split_by": list(one.split_by),
+        "name": best.name,
+        "effect": list(best.effects),
+        "gain_nats": one.log_bayes_factor,
+        "sizes": _values(best.estimates),
+        "rivals": [{"name": r.name, "effect": list(r.effects), "sizes": _values(r.estimates)} for r in rivals],
+        "split_by": list(_split_by(one)),
     }
 
 
@@ -135,9 +139,3 @@ def _values(values: Mapping[str, ValueWithInterval]) -> dict[str, dict[str, floa
 
 def _capital(text: str) -> str:
     return text[0].upper() + text[1:]
-
-
-SCOPE = (
-    "Changes are against the camera, table and object that are believed in. A corner's error is taken to be another in every view and "
-    "for every corner; what is wrong in all views alike is what this page is about."
-)

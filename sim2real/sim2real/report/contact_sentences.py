@@ -1,77 +1,65 @@
-"""What touch and force found, in words, as JSON and as a patch."""
+"""Touches and contact forces in words and as JSON."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
 
-import numpy as np
-
-from sim2real.effects import SCENE_EFFECTS
-from sim2real.effects.sentences import ValueWithInterval, describe_effect
+from sim2real.effects import SCENE_RECORDS
+from sim2real.effects.saying import Value, say
 from sim2real.task.contact_force.estimate import ContactForceResult
-from sim2real.task.hypotheses import HypothesisComparison
+from sim2real.task.findings import patch_values
+from sim2real.task.hypotheses import Finding, HypothesisComparison
 from sim2real.task.surface.estimate import SurfaceContactResult
 
-PARAMETERS = {
-    "table_height": "height",
-    "table_friction": "relative",
-    "object_mass": "relative",
-    "gripper_friction": "relative",
-}
-"""What a patch calls the one number of an effect that a scene carries."""
-RELATIVE = "relative"
 
-
-def document(touched: SurfaceContactResult, forced: ContactForceResult) -> dict:
-    """The answer of both stages; SI units, intervals of 95 %."""
+def document(surfaces: SurfaceContactResult, forces: ContactForceResult) -> dict:
+    """Both stages in SI units, with 95 % intervals."""
     touch = {
-        "verdict": touched.verdict,
-        "doubt": touched.doubt,
-        **_explained(touched.explained),
+        "verdict": surfaces.verdict,
+        "doubt": surfaces.abstention_reason,
+        **_comparison(surfaces.comparison),
         "touches": [
             {"name": t.name, "place_m": t.place.tolist(), "height_m": t.height, "force_n": t.force}
-            for t in touched.touches
+            for t in surfaces.touches
         ],
-        "held_out_mm": _held_out(touched.before, touched.after, 1e3),
+        "held_out_mm": _held_out(surfaces.before, surfaces.after, 1e3),
     }
     force = {
-        "verdict": forced.verdict,
-        "doubt": forced.doubt,
-        **_explained(forced.explained),
-        "measured": {name: dict(zip(("value", "low", "high"), v)) for name, v in (forced.measured or {}).items()},
-        "least_finger": forced.least_finger,
-        "readings": [asdict(r) for r in forced.readings],
-        "held_out_n": _held_out(forced.before, forced.after, 1.0),
+        "verdict": forces.verdict,
+        "doubt": forces.abstention_reason,
+        **_comparison(forces.comparison),
+        "measured": {name: dict(zip(("value", "low", "high"), v)) for name, v in (forces.measured or {}).items()},
+        "least_finger": forces.least_finger,
+        "readings": [asdict(r) for r in forces.readings],
+        "held_out_n": _held_out(forces.before, forces.after, 1.0),
     }
     return {"touch": touch, "force": force}
 
 
-def effect_text(effect: str, sizes: Mapping[str, ValueWithInterval]) -> str:
-    """An effect with its sizes, as half a sentence."""
-    if effect in SCENE_EFFECTS:
-        return describe_effect(
-            SCENE_EFFECTS[effect], str(SCENE_EFFECTS[effect].target), patch_values(effect, sizes), "the simulator"
-        )
-    return f"{effect.replace('_', ' ')}: " + ", ".join(f"{name} {value:SI}" for name, value in sizes.items())
+def effect_text(effect: str, estimates: Mapping[str, Value]) -> str:
+    """An effect with its parameters, as half a sentence."""
+    if effect in SCENE_RECORDS:
+        record = SCENE_RECORDS[effect]
+        return say(record, str(record.part), patch_values(effect, estimates), "the simulator")
+    return f"{effect.replace('_', ' ')}: " + ", ".join(f"{name} {value:SI}" for name, value in estimates.items())
 
 
-def patch_values(effect: str, sizes: Mapping[str, ValueWithInterval]) -> dict[str, ValueWithInterval]:
-    """Numbers as a patch has them: a logarithm as a share."""
-    (value,) = sizes.values()
-    if PARAMETERS[effect] == RELATIVE:
-        value = ValueWithInterval(*(float(np.expm1(number)) for number in (value.value, value.low, value.high)))
-    return {PARAMETERS[effect]: value}
-
-
-def _explained(explained: HypothesisComparison | None) -> dict:
-    if explained is None:
+def _comparison(comparison: HypothesisComparison | None) -> dict:
+    if comparison is None:
         return {"named": [], "bounds": {}, "unseen": []}
     return {
-        "named": [asdict(one) for one in explained.named],
-        "bounds": {name: asdict(value) for name, value in explained.bounds.items()},
-        "unseen": list(explained.unseen),
+        "named": [_named(one) for one in comparison.findings],
+        "bounds": {name: asdict(value) for name, value in comparison.bounds.items()},
+        "unseen": list(comparison.unidentifiable),
     }
+
+
+def _named(one: Finding) -> dict:
+    sizes = {way.name: {name: asdict(value) for name, value in way.estimates.items()} for way in one.hypotheses}
+    effect = one.hypotheses[0].name
+    rivals = {name: values for name, values in sizes.items() if name != effect}
+    return {"effect": effect, "sizes": sizes[effect], "gain": one.log_bayes_factor, "rivals": rivals}
 
 
 def _held_out(before: float | None, after: float | None, scale: float) -> dict | None:

@@ -1,4 +1,4 @@
-"""chain.html: the chain on one screen, a row each module with its picture."""
+"""task.html: the task diagnosis on one screen, a row for each module with its picture."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ COLOURS = {
 QUIET = "#8a8f98"
 
 
-def render(whole: TaskDiagnosis, told: dict, camera: Camera = CAMERA) -> str:
-    """The page as text. told: `chain_words.document` of it."""
-    drawn = pictures(whole, camera)
+def render(diagnosis: TaskDiagnosis, report: dict, camera: Camera = CAMERA) -> str:
+    """The page as text. report: its `task_document.document`."""
+    drawn = pictures(diagnosis, camera)
     rows = [
         {**row, "picture": drawn.get(row["module"], ""), "colour": COLOURS.get(row["verdict"], QUIET)}
-        for row in told["rows"]
+        for row in report["rows"]
     ]
-    return page("sim2real", "task.html.j2", told=told, rows=rows)
+    return page("sim2real", "task.html.j2", report=report, rows=rows)

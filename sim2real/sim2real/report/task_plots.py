@@ -1,4 +1,4 @@
-"""A small picture of each module of the chain: what its row rests on."""
+"""A small picture of each module of the task diagnosis: what its row rests on."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ BLUE, GREY, RED, DARK = "#1f5fa8", "#b0b7c3", "#c0392b", "#222"
 SIZE = 2.9, 1.12  # inches
 
 
-def pictures(whole: TaskDiagnosis, camera: Camera = CAMERA) -> dict[str, str]:
+def pictures(diagnosis: TaskDiagnosis, camera: Camera = CAMERA) -> dict[str, str]:
     """By module, its picture as SVG text, "" where there is nothing to draw."""
     drawn = {
-        "camera": lambda axes: _corners(axes, whole, camera),
-        "keypoints": lambda axes: _scatter(axes, whole),
-        "timing": lambda axes: _late(axes, whole),
-        "contact": lambda axes: _cone(axes, whole),
-        "object": lambda axes: _way(axes, whole, camera),
-        "table": lambda axes: _touches(axes, whole),
+        "camera": lambda axes: _corners(axes, diagnosis, camera),
+        "keypoints": lambda axes: _scatter(axes, diagnosis),
+        "timing": lambda axes: _late(axes, diagnosis),
+        "contact": lambda axes: _cone(axes, diagnosis),
+        "object": lambda axes: _way(axes, diagnosis, camera),
+        "table": lambda axes: _touches(axes, diagnosis),
     }
     return {module: _drawn(draw) for module, draw in drawn.items()}
 
@@ -48,11 +48,11 @@ def _drawn(draw: Callable[[Axes], bool]) -> str:
         return svg(figure) if draw(axes) else ""
 
 
-def _corners(axes: Axes, whole: TaskDiagnosis, camera: Camera) -> bool:
+def _corners(axes: Axes, diagnosis: TaskDiagnosis, camera: Camera) -> bool:
     """Corners as they are seen (dots) and predicted (crosses) at the place at which they are farthest off; where the hand met them, if that
     is elsewhere."""
-    view, met = whole.view, whole.meeting.explained if whole.meeting else None
-    sizes = met.named[0].sizes if met is not None and met.named else {}
+    view, offset = diagnosis.camera, diagnosis.hand_eye.comparison if diagnosis.hand_eye else None
+    sizes = offset.findings[0].hypotheses[0].estimates if offset is not None and offset.findings else {}
     if view is not None and view.scene is not None and not sizes:
         scene = view.scene
         fit = evaluate_at(scene, np.zeros(COUNT), view.nominal.poses, view.nominal.scatter)
@@ -60,8 +60,8 @@ def _corners(axes: Axes, whole: TaskDiagnosis, camera: Camera) -> bool:
         place = int(np.linalg.norm(left, axis=-1).sum(axis=1).argmax())
         usable = scene.usable[place]
         seen, expected = scene.pixels[place][usable], fit.lines.seen[place][usable]
-    elif whole.seen.places:
-        place = whole.seen.places[-1]
+    elif diagnosis.recordings.rest_poses:
+        place = diagnosis.recordings.rest_poses[-1]
         seen = place.pixels[place.usable]
         expected = _expected(
             np.column_stack([np.nan_to_num(place.pixels), place.usable.astype(float)]), place.domain, camera, sizes
@@ -90,11 +90,11 @@ def _expected(
         return None
 
 
-def _scatter(axes: Axes, whole: TaskDiagnosis) -> bool:
+def _scatter(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
     """Deviations of all corners from their medians, in the longest rest."""
-    if whole.scatter is None:
+    if diagnosis.noise is None:
         return False
-    track = max(whole.seen.tracks, key=lambda one: len(one.time))
+    track = max(diagnosis.recordings.tracks, key=lambda one: len(one.time))
     rest = max(find_rests(track), key=lambda piece: piece.stop - piece.start)
     pixels = np.where(track.usable[rest][..., None], track.pixels[rest], np.nan)
     known = np.isfinite(pixels[..., 0]).any(axis=0)
@@ -102,8 +102,8 @@ def _scatter(axes: Axes, whole: TaskDiagnosis) -> bool:
     axes.plot(*off.reshape(-1, 2).T, ".", color=BLUE, ms=1.5, alpha=0.5)
     angle = np.linspace(0, 2 * np.pi, 60)
     axes.plot(
-        2 * whole.scatter.spread.value * np.cos(angle),
-        2 * whole.scatter.spread.value * np.sin(angle),
+        2 * diagnosis.noise.spread.value * np.cos(angle),
+        2 * diagnosis.noise.spread.value * np.sin(angle),
         color=DARK,
         lw=0.8,
     )
@@ -112,11 +112,11 @@ def _scatter(axes: Axes, whole: TaskDiagnosis) -> bool:
     return True
 
 
-def _late(axes: Axes, whole: TaskDiagnosis) -> bool:
+def _late(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
     """The object's way in the longest push, as images have it, and the tip's."""
-    if whole.lag is None or not whole.lag.pushes:
+    if diagnosis.latency is None or not diagnosis.latency.pushes:
         return False
-    one = max(whole.lag.pushes, key=lambda push: len(push.time))
+    one = max(diagnosis.latency.pushes, key=lambda push: len(push.time))
     begin = one.time[0] - 0.1
     shown = (one.at > begin) & (one.at < one.time[-1])
     axes.plot(one.at[shown] - begin, 1e3 * one.tip[shown], color=GREY, lw=2, label="tip")
@@ -127,17 +127,17 @@ def _late(axes: Axes, whole: TaskDiagnosis) -> bool:
     return True
 
 
-def _cone(axes: Axes, whole: TaskDiagnosis) -> bool:
+def _cone(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
     """Force along the table against what presses the object on it, with the lines that are believed in and measured."""
-    force = whole.force
+    force = diagnosis.forces
     if force is None or not force.measured or "table" not in force.measured:
         return False
-    believed = NominalContact.of(whole.seen.tasks[0].domain)
-    weight = GRAVITY * force.measured.get("mass", (believed.mass,))[0]
+    nominal = NominalContact.of(diagnosis.recordings.tasks[0].domain)
+    weight = GRAVITY * force.measured.get("mass", (nominal.mass,))[0]
     pressed = np.array([r.normal + weight for r in force.readings])
     far = np.array([0.0, 1.1 * pressed.max()])
     mu, low, high = force.measured["table"]
-    axes.plot(far, believed.table * far, color=GREY, lw=2, label=f"believed {believed.table:.2f}")
+    axes.plot(far, nominal.table * far, color=GREY, lw=2, label=f"believed {nominal.table:.2f}")
     axes.fill_between(far, low * far, high * far, color=BLUE, alpha=0.15, lw=0)
     axes.plot(far, mu * far, color=BLUE, lw=1, label=f"measured {mu:.2f}")
     axes.plot(pressed, [r.force for r in force.readings], ".", color=DARK, ms=4)
@@ -147,11 +147,11 @@ def _cone(axes: Axes, whole: TaskDiagnosis) -> bool:
     return True
 
 
-def _way(axes: Axes, whole: TaskDiagnosis, camera: Camera) -> bool:
+def _way(axes: Axes, diagnosis: TaskDiagnosis, camera: Camera) -> bool:
     """Where the object's middle is seen at the beginning of each experiment."""
-    if not whole.seen.tasks:
+    if not diagnosis.recordings.tasks:
         return False
-    task, centres = whole.seen.tasks[0], []
+    task, centres = diagnosis.recordings.tasks[0], []
     for name in task.spans:
         try:
             centres.append(pose_at_start(task, name, camera).position[:2])
@@ -169,9 +169,9 @@ def _way(axes: Axes, whole: TaskDiagnosis, camera: Camera) -> bool:
     return True
 
 
-def _touches(axes: Axes, whole: TaskDiagnosis) -> bool:
+def _touches(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
     """Force against the tip's height at every touched place of the table; the grey line is where it is believed to be."""
-    touches = [t for t in whole.touch.touches if t.name.startswith("touch_table")] if whole.touch else []
+    touches = [t for t in diagnosis.surfaces.touches if t.name.startswith("touch_table")] if diagnosis.surfaces else []
     if not touches:
         return False
     axes.axvline(0.0, color=GREY, lw=2)

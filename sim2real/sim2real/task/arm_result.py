@@ -15,7 +15,7 @@ class ArmResult:
 
     verdict: str
     """As in report.json: no_gap, identified, ambiguous, unexplained."""
-    said: str
+    sentence: str
     """The finding in words."""
 
 

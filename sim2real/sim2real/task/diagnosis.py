@@ -1,4 +1,4 @@
-"""Recordings of one set-up, all stages that they have data for, and the row of each module."""
+"""The diagnosis of camera, keypoints, timing, arm, contact, object and table from recordings of one set-up."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from np_description.camera import CAMERA, Camera
 from np_description.panda import NOMINAL, PandaModel
 from sim2real.effects.patch import Patch, PatchEffect
 from sim2real.recordings.reading import ContractViolation
-from sim2real.task import findings as made
+from sim2real.task import findings
 from sim2real.task.arm_result import ArmResult
 from sim2real.task.camera.diagnosis import CameraDiagnosis, diagnose_camera
 from sim2real.task.camera.parameters import EFFECTS, PARAMETERS
@@ -20,7 +20,7 @@ from sim2real.task.contact_force.estimate import ContactForceResult, estimate_fr
 from sim2real.task.contact_force.fit import NominalContact
 from sim2real.task.contact_force.readings import read_forces
 from sim2real.task.contact_force.tap_slide import find_tap_slides
-from sim2real.task.findings import Finding
+from sim2real.task.hypotheses import Finding
 from sim2real.task.keypoint_noise import KeypointNoise, estimate_keypoint_noise
 from sim2real.task.keypoint_track import KeypointTrack
 from sim2real.task.suite.camera_rotation import prefer_rotation_over_translation
@@ -35,240 +35,254 @@ from sim2real.task.surface.estimate import SurfaceContactResult, estimate_surfac
 
 MODULES = ("camera", "keypoints", "timing", "arm", "contact", "object", "table")
 NOT_SEEN = "not seen in this recording"
-OnStage = Callable[[str], None]
+STAGES = {
+    "camera": "view",
+    "keypoints": "scatter",
+    "timing": "lag",
+    "contact": "force",
+    "object": "force",
+    "table": "touch",
+}
+"""The stage that each module rests on first."""
 
 
 @dataclass(frozen=True, eq=False)
 class TaskRecordings:
-    """What recordings of one set-up have: those of the task suite, all tracks of keypoints, and places at which the object rested."""
+    """Recordings of one set-up."""
 
     tasks: tuple[TaskRecording, ...]
+    """Recordings of the task suite."""
     tracks: tuple[KeypointTrack, ...]
-    places: tuple[RestPose, ...]
+    """Keypoints of all recordings."""
+    rest_poses: tuple[RestPose, ...]
+    """The object at rest, in all recordings."""
 
 
 @dataclass(frozen=True, eq=False)
 class ModuleResult:
-    """A module. verdict: identified, ambiguous (effects that explain the same), no_gap, unexplained, or `NOT_SEEN`; claims: what is off;
-    share: of all nats that what is off explains, None where nothing is; doubt: why nothing is said, or what nothing explains; said: sentences
-    of answers that were given elsewhere."""
+    """The result for one module."""
 
     module: str
+    """Of MODULES."""
     verdict: str
-    claims: tuple[Finding, ...] = ()
+    """identified, ambiguous, no_gap, unexplained or NOT_SEEN."""
+    findings: tuple[Finding, ...] = ()
+    """What is off."""
     share: float | None = None
-    doubt: str = ""
-    said: str = ""
+    """Share of the sum of all log Bayes factors; None where nothing is off."""
+    abstention_reason: str = ""
+    """Why there is no verdict, or what nothing explains."""
 
 
 @dataclass(frozen=True, eq=False)
 class TaskDiagnosis:
-    """The answer: a row each module, and each stage's own, None where there is no data for it. arm: what `diagnose_task` answered."""
+    """The result of all stages; a stage without data is None."""
 
-    rows: tuple[ModuleResult, ...]
-    seen: TaskRecordings
-    view: CameraDiagnosis | None = None
-    scatter: KeypointNoise | None = None
-    touch: SurfaceContactResult | None = None
-    force: ContactForceResult | None = None
-    lag: ImageLatency | None = None
-    meeting: HandEyeOffset | None = None
-    still: StaticSceneCheck | None = None
-    doubts: dict[str, str] = field(default_factory=dict)
+    modules: tuple[ModuleResult, ...]
+    """A result for each of MODULES."""
+    recordings: TaskRecordings
+    """What was diagnosed."""
+    camera: CameraDiagnosis | None = None
+    """Stage `view`: corners of the object at rest."""
+    noise: KeypointNoise | None = None
+    """Stage `scatter`: scatter of corners at rest."""
+    surfaces: SurfaceContactResult | None = None
+    """Stage `touch`: surfaces that stop the tip."""
+    forces: ContactForceResult | None = None
+    """Stage `force`: contact forces."""
+    latency: ImageLatency | None = None
+    """Stage `lag`: images against the tip."""
+    hand_eye: HandEyeOffset | None = None
+    """Stage `meeting`: faces that the hand touches, against where they are seen."""
+    static_scene: StaticSceneCheck | None = None
+    """Stage `untouched`: whether the picture keeps still."""
+    abstention_reasons: dict[str, str] = field(default_factory=dict)
+    """Why stages abstain, by stage."""
     arm: ArmResult | None = None
+    """What `diagnose` found."""
 
     @property
     def verdict(self) -> str:
-        """unexplained, identified, ambiguous, no_gap, or undetermined where no module is seen."""
-        found = {row.verdict for row in self.rows}
+        """unexplained, ambiguous, identified, no_gap, or undetermined where no module is seen."""
+        found = {one.verdict for one in self.modules}
         order = ("unexplained", "ambiguous", "identified", "no_gap")
         return next((verdict for verdict in order if verdict in found), "undetermined")
 
-    def row(self, module: str) -> ModuleResult:
-        """Of a module."""
-        return self.rows[MODULES.index(module)]
+    def module(self, name: str) -> ModuleResult:
+        """The result of one of MODULES."""
+        return self.modules[MODULES.index(name)]
 
 
 def diagnose_task(
-    seen: TaskRecordings,
+    recordings: TaskRecordings,
     camera: Camera = CAMERA,
     panda: PandaModel = NOMINAL,
     arm: ArmResult | None = None,
-    tell: OnStage = lambda stage: None,
+    on_stage: Callable[[str], None] = lambda stage: None,
 ) -> TaskDiagnosis:
-    """Every stage that has data. camera: that is believed in; panda: the arm with its own gap; arm: the answer of `diagnose_task`; tell: hears each stage's name as it begins.
+    """Every stage that has data.
 
-    Of several recordings of the task suite the first is felt by touch, forces are taken together, and delays are those of the first.
+    camera: the nominal camera; panda: the arm with its own gap; arm: the result of `diagnose`; on_stage: called with the name of each stage. Of
+    several recordings of the task suite surfaces and delays are those of the first, forces are of all.
     """
-    doubts: dict[str, str] = {}
-    tasks, tracks = mask_occlusions(seen.tasks, seen.tracks, camera)
-    seen = replace(seen, tasks=tasks, tracks=tracks)
-    tell("scatter")
-    scattered = _tried(doubts, "scatter", lambda: _scattered(seen, camera))
-    tell("view")
-    viewed = _tried(doubts, "view", lambda: diagnose_camera(seen.places, camera)) if seen.places else None
-    if not seen.places:
-        doubts["view"] = "the object rests nowhere in the picture"
-    touched = forced = late = met = still = None
-    if seen.tasks:
-        tell("touch")
-        touched = _tried(doubts, "touch", lambda: estimate_surfaces(seen.tasks[0], panda))
-        lift = touched.lift if touched is not None else 0.0
-        felt = camera_over_table(camera, lift)
-        tell("meeting")
-        met = _tried(doubts, "meeting", lambda: estimate_hand_eye_offset(seen.tasks[0], felt))
-        tell("force")
-        every = _tried(doubts, "force", lambda: [r for task in seen.tasks for r in read_forces(task, panda, felt)])
-        slid = find_tap_slides(seen.tasks[0], met, felt) if met is not None else ()
-        forced = (
-            estimate_friction_and_mass(every, NominalContact.of(seen.tasks[0].domain), slid)
-            if every is not None
-            else None
-        )
-        still = _tried(doubts, "untouched", lambda: check_static_scene(seen.tasks[0], felt, lift, scattered))
-        tell("lag")
-        late = _tried(doubts, "lag", lambda: estimate_image_latency(seen.tasks[0], felt))
+    reasons: dict[str, str] = {}
+    tasks, tracks = mask_occlusions(recordings.tasks, recordings.tracks, camera)
+    recordings = replace(recordings, tasks=tasks, tracks=tracks)
+    result = TaskDiagnosis((), recordings, abstention_reasons=reasons, arm=arm)
+
+    def try_stage(name: str, stage: Callable):
+        on_stage(name)
+        try:
+            found = stage()
+        except ContractViolation as violation:
+            reasons[name] = str(violation)
+            return None
+        if getattr(found, "abstention_reason", ""):
+            reasons[name] = found.abstention_reason
+        return found
+
+    noise = try_stage("scatter", lambda: _keypoint_noise(recordings, camera))
+    viewed = None
+    if recordings.rest_poses:
+        viewed = try_stage("view", lambda: diagnose_camera(recordings.rest_poses, camera))
     else:
-        doubts |= dict.fromkeys(
-            ("touch", "force", "meeting", "lag"), "no recording is of the task suite (excite --suite task)"
-        )
-    for name, stage in (
-        ("view", viewed),
-        ("touch", touched),
-        ("force", forced),
-        ("meeting", met),
-        ("untouched", still),
-        ("lag", late),
-    ):
-        if stage is not None and stage.doubt:
-            doubts[name] = stage.doubt
-    claims = made.resolve_conflicts(
-        made.camera_findings(viewed)
-        + made.keypoint_noise_findings(scattered)
-        + made.contact_findings(touched, "touch")
-        + made.contact_findings(forced, "force")
-        + made.hand_eye_offset_findings(met, _turned(viewed, met, touched))
-        + made.latency_findings(late),
-        touched,
+        reasons["view"] = "the object rests nowhere in the picture"
+    result = replace(result, noise=noise, camera=viewed)
+    if recordings.tasks:
+        result = _diagnose_contact(result, camera, panda, try_stage)
+    else:
+        no_suite = "no recording is of the task suite (excite --suite task)"
+        reasons |= dict.fromkeys(("touch", "force", "meeting", "lag"), no_suite)
+    found = findings.resolve_conflicts(
+        findings.camera_findings(result.camera)
+        + findings.keypoint_noise_findings(result.noise)
+        + findings.contact_findings(result.surfaces, "touch")
+        + findings.contact_findings(result.forces, "force")
+        + findings.hand_eye_offset_findings(result.hand_eye, _camera_rotation(result))
+        + findings.latency_findings(result.latency),
+        result.surfaces,
     )
-    whole = TaskDiagnosis((), seen, viewed, scattered, touched, forced, late, met, still, doubts, arm)
-    total = sum(claim.gain for claim in claims)
-    rows = tuple(_row(module, [c for c in claims if c.ways[0].module == module], total, whole) for module in MODULES)
-    return replace(whole, rows=rows)
+    return replace(result, modules=tuple(_module_result(module, found, result) for module in MODULES))
 
 
-def _turned(
-    viewed: CameraDiagnosis | None, met: HandEyeOffset | None, touched: SurfaceContactResult | None
-) -> np.ndarray | None:
-    """rad (2,) by which the camera is turned, where a picture that is off is so by that; None where it is not, or nobody knows."""
-    if met is None or met.explained is None or not met.explained.named or viewed is None or viewed.nominal is None:
+def _diagnose_contact(result: TaskDiagnosis, camera: Camera, panda: PandaModel, try_stage: Callable) -> TaskDiagnosis:
+    """The stages that need the task suite. Heights are seen over the table as it was touched."""
+    tasks = result.recordings.tasks
+    first = tasks[0]
+    surfaces = try_stage("touch", lambda: estimate_surfaces(first, panda))
+    lift = surfaces.lift if surfaces is not None else 0.0
+    over = camera_over_table(camera, lift)
+    hand_eye = try_stage("meeting", lambda: estimate_hand_eye_offset(first, over))
+
+    def forces() -> ContactForceResult:
+        readings = [reading for task in tasks for reading in read_forces(task, panda, over)]
+        slides = find_tap_slides(first, hand_eye, over) if hand_eye is not None else ()
+        return estimate_friction_and_mass(readings, NominalContact.of(first.domain), slides)
+
+    return replace(
+        result,
+        surfaces=surfaces,
+        hand_eye=hand_eye,
+        forces=try_stage("force", forces),
+        static_scene=try_stage("untouched", lambda: check_static_scene(first, over, lift, result.noise)),
+        latency=try_stage("lag", lambda: estimate_image_latency(first, over)),
+    )
+
+
+def _camera_rotation(result: TaskDiagnosis) -> np.ndarray | None:
+    """Rotation (2,) rad of the camera, where it explains a picture that is off better than its place does; else None."""
+    camera, offset = result.camera, result.hand_eye
+    if offset is None or offset.comparison is None or not offset.comparison.findings:
         return None
-    sizes = met.explained.named[0].sizes
-    off = np.array([sizes[axis].value for axis in "xy"])
-    return prefer_rotation_over_translation(
-        viewed.scene, viewed.nominal.poses, off, touched.lift if touched is not None else 0.0
-    )
+    if camera is None or camera.nominal is None:
+        return None
+    estimates = offset.comparison.findings[0].hypotheses[0].estimates
+    off = np.array([estimates[axis].value for axis in "xy"])
+    lift = result.surfaces.lift if result.surfaces is not None else 0.0
+    return prefer_rotation_over_translation(camera.scene, camera.nominal.poses, off, lift)
 
 
-def make_patch(whole: TaskDiagnosis) -> Patch:
-    """What is one effect and a simulator carries, within what it takes."""
+def make_patch(diagnosis: TaskDiagnosis) -> Patch:
+    """Findings of one effect that a simulator models, within the bounds of their parameters.
+
+    A late image is late either way, and a picture that is off is off, where it was looked at, by either of place and rotation.
+    """
     entries: dict[str, dict[str, float]] = {}
-    for row in whole.rows:
-        for claim in row.claims:
-            way = claim.ways[0]
-            # A late image is late either way, and a picture that is off is off, where it was looked at, by whichever of place and turn.
-            is_told = claim.stage in ("lag", "meeting") or claim.is_one
-            if row.verdict != "unexplained" and is_told and way.parameters:
-                entries.setdefault(way.ids[0], {}).update(way.parameters)
+    for result in diagnosis.modules:
+        for one in result.findings if result.verdict != "unexplained" else ():
+            best = one.hypotheses[0]
+            if best.patch and (one.source in ("lag", "meeting") or one.is_one_effect):
+                entries.setdefault(best.effects[0], {}).update(best.patch)
     found = (PatchEffect(effect, "", values) for effect, values in entries.items())
-    return Patch(tuple(PatchEffect(e.effect, str(e.definition.target), _held(e)) for e in found))
+    return Patch(tuple(PatchEffect(e.effect, str(e.record.part), _clip(e)) for e in found))
 
 
-def _held(entry: PatchEffect) -> dict[str, float]:
+def _clip(entry: PatchEffect) -> dict[str, float]:
     """Parameters within the bounds of their quantities."""
     bounds = {q.name: (q.lower, q.upper) for q in entry.record.quantities}
     return {name: float(min(max(value, bounds[name][0]), bounds[name][1])) for name, value in entry.parameters.items()}
 
 
-def _row(module: str, claims: list[Finding], total: float, whole: TaskDiagnosis) -> ModuleResult:
-    doubt, stage = _unexplained(module, whole)
-    share = sum(c.gain for c in claims) / total if claims and total else None
-    if module == "arm" and whole.arm is not None:
-        return ModuleResult(module, whole.arm.verdict, said=whole.arm.said)
-    if stage:
-        return ModuleResult(module, "unexplained", tuple(claims), share, doubt)
-    if claims:
-        verdict = "identified" if all(c.is_one for c in claims) else "ambiguous"
-        return ModuleResult(module, verdict, tuple(claims), share)
-    if _is_seen(module, whole):
-        return ModuleResult(module, "no_gap")
-    return ModuleResult(module, NOT_SEEN, doubt=_why(module, whole))
-
-
-def _unexplained(module: str, whole: TaskDiagnosis) -> tuple[str, bool]:
-    """Of the module that a stage is first of all about."""
+def _module_result(module: str, found: list[Finding], diagnosis: TaskDiagnosis) -> ModuleResult:
+    if module == "arm" and diagnosis.arm is not None:
+        return ModuleResult(module, diagnosis.arm.verdict)
+    own = tuple(one for one in found if one.hypotheses[0].module == module)
+    total = sum(one.log_bayes_factor for one in found)
+    share = sum(one.log_bayes_factor for one in own) / total if own and total else None
     stages = {
-        "camera": (whole.view, whole.meeting, whole.still),
-        "table": (whole.touch,),
-        "contact": (whole.force,),
+        "camera": (diagnosis.camera, diagnosis.hand_eye, diagnosis.static_scene),
+        "table": (diagnosis.surfaces,),
+        "contact": (diagnosis.forces,),
     }.get(module, ())
-    doubts = [stage.doubt for stage in stages if stage is not None and stage.verdict == "unexplained"]
-    return "; ".join(doubts), bool(doubts)
+    unexplained = [one.abstention_reason for one in stages if one is not None and one.verdict == "unexplained"]
+    if unexplained:
+        return ModuleResult(module, "unexplained", own, share, "; ".join(unexplained))
+    if own:
+        return ModuleResult(module, "identified" if all(one.is_one_effect for one in own) else "ambiguous", own, share)
+    if _is_observable(module, diagnosis):
+        return ModuleResult(module, "no_gap")
+    return ModuleResult(module, NOT_SEEN, abstention_reason=_reason(module, diagnosis))
 
 
-def _is_seen(module: str, whole: TaskDiagnosis) -> bool:
-    """Whether a gap of it would have shown."""
-    bounds = whole.view.bounds if whole.view and whole.view.verdict in ("no_gap", "identified", "ambiguous") else {}
-    clear = {name for name in bounds if name not in whole.view.unseen} if whole.view else set()
-    forces = (whole.force.measured or {}) if whole.force else {}
-    is_touched = whole.touch is not None and whole.touch.explained is not None
-    by_view = {m: any(PARAMETERS[i].name in clear for e in es for i in EFFECTS[e].numbers) for m, es in _VIEWED.items()}
-    return {
-        "camera": by_view["camera"]
-        or (whole.meeting is not None and whole.meeting.verdict not in ("undetermined", "unexplained")),
-        "keypoints": whole.scatter is not None,
-        "timing": whole.lag is not None and whole.lag.late is not None,
-        "arm": False,
-        "contact": "table" in forces,
-        "object": "mass" in forces or by_view["object"],
-        "table": is_touched or by_view["table"],
-    }[module]
-
-
-_VIEWED = {
+CAMERA_EFFECTS = {
     "camera": ("camera_place", "camera_turn", "focal_length"),
     "object": ("object_size",),
     "table": ("table_height",),
 }
+"""Effects of the camera stage by which a gap of a module would show."""
 
 
-def _why(module: str, whole: TaskDiagnosis) -> str:
-    stage = {
-        "camera": "view",
-        "keypoints": "scatter",
-        "timing": "lag",
-        "contact": "force",
-        "object": "force",
-        "table": "touch",
-    }
+def _is_observable(module: str, diagnosis: TaskDiagnosis) -> bool:
+    """Whether a gap of the module would have shown."""
+    camera, hand_eye, surfaces = diagnosis.camera, diagnosis.hand_eye, diagnosis.surfaces
+    clear: set[str] = set()
+    if camera is not None and camera.verdict in ("no_gap", "identified", "ambiguous"):
+        clear = set(camera.bounds) - set(camera.unidentifiable)
+    by_camera = any(
+        PARAMETERS[index].name in clear for name in CAMERA_EFFECTS.get(module, ()) for index in EFFECTS[name].numbers
+    )
+    measured = (diagnosis.forces.measured or {}) if diagnosis.forces else {}
+    return {
+        "camera": by_camera or (hand_eye is not None and hand_eye.verdict not in ("undetermined", "unexplained")),
+        "keypoints": diagnosis.noise is not None,
+        "timing": diagnosis.latency is not None and diagnosis.latency.late is not None,
+        "arm": False,
+        "contact": "table" in measured,
+        "object": "mass" in measured or by_camera,
+        "table": by_camera or (surfaces is not None and surfaces.comparison is not None),
+    }[module]
+
+
+def _reason(module: str, diagnosis: TaskDiagnosis) -> str:
     if module == "arm":
-        return "the arm is asked by `diagnose_task`, of a suite of its own; --arm takes its answer"
-    return whole.doubts.get(stage[module], "the recording narrows none of its numbers")
+        return "the arm is asked by `diagnose`, of a suite of its own; --arm takes its answer"
+    return diagnosis.abstention_reasons.get(STAGES[module], "the recording narrows none of its numbers")
 
 
-def _scattered(seen: TaskRecordings, camera: Camera) -> KeypointNoise | None:
-    """Of the longest track; of one of the task suite, while the hand is not at the object: what it presses may rock, and seem to rest."""
-    if not seen.tracks:
+def _keypoint_noise(recordings: TaskRecordings, camera: Camera) -> KeypointNoise | None:
+    """From the longest track. Of the task suite only images count in which the hand is away: a pressed object may rock and seem to rest."""
+    if not recordings.tracks:
         return None
-    longest = max(seen.tracks, key=lambda track: len(track.time))
-    own = next((task for task in seen.tasks if task.track.name == longest.name), None)
+    longest = max(recordings.tracks, key=lambda track: len(track.time))
+    own = next((task for task in recordings.tasks if task.track.name == longest.name), None)
     return estimate_keypoint_noise(mask_touched_images(own, camera) if own else longest)
-
-
-def _tried(doubts: dict[str, str], stage: str, ask: Callable):
-    """A stage's answer; None where its recording has too little for it, which is kept in words."""
-    try:
-        return ask()
-    except ContractViolation as violation:
-        doubts[stage] = str(violation)
-        return None

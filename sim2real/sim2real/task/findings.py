@@ -1,203 +1,146 @@
-"""What stages claim, in one shape: an effect with its size, or several that explain the same."""
+"""What the stages found, in one form, and how findings of different stages constrain one another."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from sim2real.effects import CAMERA_EFFECTS, SCENE_EFFECTS
-from sim2real.effects.catalogue import catalogue
-from sim2real.effects.sentences import ValueWithInterval, describe_effect
-from sim2real.report import camera_sentences as view_words
-from sim2real.report import contact_sentences as felt_words
-from sim2real.task import noise_effects as findings
+from sim2real.effects import SCENE_RECORDS
+from sim2real.effects.saying import Value
 from sim2real.task.camera.diagnosis import CameraDiagnosis
-from sim2real.task.camera.parameters import EFFECTS
 from sim2real.task.contact_force.estimate import ContactForceResult
-from sim2real.task.keypoint_noise import KeypointNoise
+from sim2real.task.hypotheses import Finding, Hypothesis
+from sim2real.task.keypoint_noise import KeypointNoise, visible_noise_effects
 from sim2real.task.suite.hand_eye_offset import HandEyeOffset
 from sim2real.task.suite.image_latency import ImageLatency
 from sim2real.task.surface.estimate import SurfaceContactResult
 
-TIMING = ("camera_latency", "clock_offset", "frame_drop", "exposure_blur", "rolling_shutter")
-TABLE = "environment"
-"""What the catalogue calls the table."""
+RELATIVE = "relative"
+PATCH_PARAMETERS = {
+    "table_height": "height",
+    "table_friction": RELATIVE,
+    "object_mass": RELATIVE,
+    "gripper_friction": RELATIVE,
+}
+"""Name in `patch.yaml` of the one number of an effect of the scene."""
 
 
-@dataclass(frozen=True)
-class Hypothesis:
-    """One explanation. name: as the stage calls it; ids: of the catalogue, more than one where nothing ever tells them apart; sizes with
-    their intervals, SI units and px; said: half a sentence; parameters: as `patch.yaml` has them, none where no simulator carries it."""
-
-    name: str
-    ids: tuple[str, ...]
-    sizes: dict[str, ValueWithInterval]
-    said: str
-    parameters: dict[str, float]
-
-    @property
-    def module(self) -> str:
-        """Of `together.MODULES`."""
-        return module_of(self.ids[0])
+def camera_findings(camera: CameraDiagnosis | None) -> list[Finding]:
+    """What corners of the resting object show."""
+    return list(camera.findings) if camera is not None and camera.verdict in ("identified", "ambiguous") else []
 
 
-@dataclass(frozen=True)
-class Finding:
-    """Something that is off. stage: that says so; ways: explanations, the most probable first; gain: nats by which what was recorded is more
-    probable with it."""
-
-    stage: str
-    ways: tuple[Hypothesis, ...]
-    gain: float
-
-    @property
-    def is_one(self) -> bool:
-        """Whether it is one effect of the catalogue."""
-        return len({one for way in self.ways for one in way.ids}) == 1
-
-
-def module_of(effect: str) -> str:
-    """The module of the chain that an effect is of."""
-    if effect in TIMING:
-        return "timing"
-    module = catalogue()[effect]["module"]
-    return "table" if module == TABLE else module
-
-
-def camera_findings(view: CameraDiagnosis | None) -> list[Finding]:
-    """Of where corners of the resting object are seen."""
-    if view is None or view.verdict not in ("identified", "ambiguous"):
+def contact_findings(result: SurfaceContactResult | ContactForceResult | None, source: str) -> list[Finding]:
+    """What touches (source `touch`) or contact forces (source `force`) show."""
+    if result is None or result.comparison is None or result.verdict == "unexplained":
         return []
     return [
-        Finding("view", tuple(_view_way(e, s) for e, s in ((n.effect, n.sizes), *n.rivals.items())), n.gain)
-        for n in view.named
+        replace(one, source=source, hypotheses=tuple(map(_with_patch, one.hypotheses)))
+        for one in result.comparison.findings
     ]
 
 
-def _view_way(effect: str, sizes: Mapping[str, ValueWithInterval]) -> Hypothesis:
-    known = EFFECTS[effect]
-    parameters = dict(zip(known.quantities, (value.value for value in sizes.values())))
-    return Hypothesis(effect, tuple(known.ids), dict(sizes), view_words.effect_text(effect, sizes), parameters)
+def _with_patch(one: Hypothesis) -> Hypothesis:
+    if one.name not in SCENE_RECORDS:
+        return one
+    return replace(one, patch={name: value.value for name, value in patch_values(one.name, one.estimates).items()})
 
 
-def contact_findings(felt: SurfaceContactResult | ContactForceResult | None, stage: str) -> list[Finding]:
-    """Of what the hand felt, by touch or by force."""
-    if felt is None or felt.explained is None or felt.verdict == "unexplained":
-        return []
-    return [
-        Finding(stage, tuple(_felt_way(e, s) for e, s in ((n.effect, n.sizes), *n.rivals.items())), n.gain)
-        for n in felt.explained.named
-    ]
+def patch_values(effect: str, estimates: Mapping[str, Value]) -> dict[str, Value]:
+    """The number of an effect of the scene as `patch.yaml` has it: a logarithm as a relative change."""
+    (value,) = estimates.values()
+    if PATCH_PARAMETERS[effect] == RELATIVE:
+        value = Value(*(float(np.expm1(number)) for number in (value.value, value.low, value.high)))
+    return {PATCH_PARAMETERS[effect]: value}
 
 
-def _felt_way(effect: str, sizes: Mapping[str, ValueWithInterval]) -> Hypothesis:
-    parameters = {}
-    if effect in SCENE_EFFECTS:
-        parameters = {name: value.value for name, value in felt_words.patch_values(effect, sizes).items()}
-    return Hypothesis(effect, (effect,), dict(sizes), felt_words.effect_text(effect, sizes), parameters)
-
-
-def keypoint_noise_findings(scatter: KeypointNoise | None) -> list[Finding]:
-    """Of how corners scatter at rest."""
-    if scatter is None:
-        return []
+def keypoint_noise_findings(noise: KeypointNoise | None) -> list[Finding]:
+    """What the scatter of keypoints at rest shows."""
     found = []
-    for effect, values in findings.visible_noise_effects(scatter).items():
-        record, first = CAMERA_EFFECTS[effect], next(iter(values.values()))
-        way = Hypothesis(
-            effect,
-            (effect,),
-            dict(values),
-            describe_effect(record, str(record.target), values, "the simulator"),
-            {k: v.value for k, v in values.items()},
-        )
-        found.append(Finding("scatter", (way,), gaussian_log_bayes_factor(first)))
+    for effect, values in (visible_noise_effects(noise) if noise is not None else {}).items():
+        patch = {name: value.value for name, value in values.items()}
+        one = Hypothesis(effect, (effect,), dict(values), patch)
+        found.append(Finding((one,), gaussian_log_bayes_factor(next(iter(values.values()))), "scatter"))
     return found
 
 
-def latency_findings(lag: ImageLatency | None) -> list[Finding]:
-    """Of images that are late: the camera's latency, or its clock, which one recording cannot tell apart."""
-    if lag is None or lag.late is None or lag.verdict == "no_gap":
+def latency_findings(latency: ImageLatency | None) -> list[Finding]:
+    """Late images: the camera's latency or its clock, which one recording cannot tell apart. A camera cannot be early."""
+    if latency is None or latency.late is None or latency.verdict == "no_gap":
         return []
-    ways = latency_hypotheses(lag.late)
-    return [Finding("lag", ways if lag.late.value > 0 else ways[1:], gaussian_log_bayes_factor(lag.late))]
-
-
-def latency_hypotheses(late: ValueWithInterval) -> tuple[Hypothesis, ...]:
-    """What a stream that is late may have: the camera's latency, or its clock."""
-    delayed = describe_effect(CAMERA_EFFECTS["camera_latency"], "camera", {"delay": late}, "the simulator")
-    return (
-        Hypothesis("camera_latency", ("camera_latency",), {"delay": late}, delayed, {"delay": late.value}),
-        Hypothesis(
-            "clock_offset",
-            ("clock_offset",),
-            {"offset": late},
-            "the camera's clock is off by that",
-            {"offset": late.value},
-        ),
+    late = latency.late
+    hypotheses = (
+        Hypothesis("camera_latency", ("camera_latency",), {"delay": late}, {"delay": late.value}),
+        Hypothesis("clock_offset", ("clock_offset",), {"offset": late}, {"offset": late.value}),
     )
+    return [Finding(hypotheses if late.value > 0 else hypotheses[1:], gaussian_log_bayes_factor(late), "lag")]
 
 
-def hand_eye_offset_findings(meeting: HandEyeOffset | None, turn: np.ndarray | None = None) -> list[Finding]:
-    """Of where the hand meets what is seen: a picture that is off, by the camera's place or turn, or by where corners are found. turn: rad (2,),
-    where corners at rest say that it is the turn (`astray.turned`)."""
-    if meeting is None or meeting.explained is None or meeting.verdict not in ("identified", "ambiguous"):
+def hand_eye_offset_findings(offset: HandEyeOffset | None, turn: np.ndarray | None = None) -> list[Finding]:
+    """A picture that is off where the hand touches the object: by the camera's place or rotation, or by where corners are found.
+
+    turn: rotation (2,) rad of the camera where corners at rest prefer it (`camera_rotation`).
+    """
+    if offset is None or offset.comparison is None or offset.verdict not in ("identified", "ambiguous"):
         return []
     found = []
-    for one in meeting.explained.named:
-        off = one.sizes
+    for one in offset.comparison.findings:
+        off = one.hypotheses[0].estimates
         moved = {axis: -off[axis].value for axis in "xy"}  # a camera that stands elsewhere shows things the other way
-        ways = [
-            Hypothesis("camera_place", ("camera_extrinsics",), dict(off), "the camera's place", moved),
-            Hypothesis("camera_turn", ("camera_extrinsics",), dict(off), "its turn", {}),
-            Hypothesis("image_offset", ("keypoint_bias",), {}, "where corners are found", {}),
-        ]
+        place = Hypothesis("camera_place", ("camera_extrinsics",), dict(off), moved)
+        rotation = Hypothesis("camera_turn", ("camera_extrinsics",), dict(off))
+        corners = Hypothesis("image_offset", ("keypoint_bias",), {})
+        ways = (place, rotation, corners)
         if turn is not None:
-            told = dict(zip(("turn_x", "turn_y"), turn.tolist()))
-            ways[:2] = replace(ways[1], said="the camera's turn", parameters=told), replace(ways[0], said="its place")
-        said = f"the picture shows things {off['x']:mm} and {off['y']:mm} (x, y) from where the hand meets them: by {ways[0].said}"
-        found.append(Finding("meeting", (replace(ways[0], said=said), *ways[1:]), one.gain))
+            patch = dict(zip(("turn_x", "turn_y"), turn.tolist()))
+            ways = (replace(rotation, patch=patch), place, corners)
+        found.append(Finding(ways, one.log_bayes_factor, "meeting"))
     return found
 
 
-def resolve_conflicts(claims: list[Finding], touch: SurfaceContactResult | None) -> list[Finding]:
-    """Claims in the light of one another: the hand feels the table and the camera does not move it. An explanation of the view that has the
-    table elsewhere than it was felt is none; one that has it there is the one, and counts once. A camera that the view still names then is the
-    gap that the meeting shows, of which the view says more."""
-    if touch is not None and touch.explained is not None and touch.verdict not in ("undetermined", "unexplained"):
-        claims = _by_touch(claims, touch)
-    if any(c.stage == "view" and c.ways[0].module == "camera" for c in claims):
-        claims = [c for c in claims if c.stage != "meeting"]
-    return claims
+def resolve_conflicts(findings: list[Finding], surfaces: SurfaceContactResult | None) -> list[Finding]:
+    """Findings that agree with one another.
+
+    The hand feels the table, which the camera does not move: a camera hypothesis that places the table elsewhere is dropped, and one that places
+    it there stands alone and counts once. A camera that the view stage still reports explains the hand-eye offset, of which it says more.
+    """
+    if (
+        surfaces is not None
+        and surfaces.comparison is not None
+        and surfaces.verdict not in ("undetermined", "unexplained")
+    ):
+        findings = _constrain_by_touch(findings, surfaces)
+    if any(one.source == "view" and one.hypotheses[0].module == "camera" for one in findings):
+        findings = [one for one in findings if one.source != "meeting"]
+    return findings
 
 
-def _by_touch(claims: list[Finding], touch: SurfaceContactResult) -> list[Finding]:
-    found: list[Finding] = []
-    told = {n.effect for n in touch.explained.named if not n.rivals}
-    for claim in claims:
-        if claim.stage == "view":
-            ways = tuple(way for way in claim.ways if not _contradicted(way, touch))
-            claim = replace(claim, ways=tuple(way for way in ways if way.name in told) or ways)
-        if claim.ways:
-            found.append(claim)
-    felt = {claim.ways[0].name for claim in found if claim.stage == "touch" and claim.is_one}
-    again = [c for c in found if c.stage == "view" and c.is_one and c.ways[0].name in felt]
-    return [c for c in found if c not in again]
+def _constrain_by_touch(findings: list[Finding], surfaces: SurfaceContactResult) -> list[Finding]:
+    touched = {one.hypotheses[0].name for one in surfaces.comparison.findings if len(one.hypotheses) == 1}
+    kept: list[Finding] = []
+    for one in findings:
+        if one.source == "view":
+            possible = tuple(way for way in one.hypotheses if not _contradicts(way, surfaces))
+            one = replace(one, hypotheses=tuple(way for way in possible if way.name in touched) or possible)
+        if one.hypotheses:
+            kept.append(one)
+    felt = {one.hypotheses[0].name for one in kept if one.source == "touch" and one.is_one_effect}
+    again = [one for one in kept if one.source == "view" and one.is_one_effect and one.hypotheses[0].name in felt]
+    return [one for one in kept if one not in again]
 
 
-def _contradicted(way: Hypothesis, touch: SurfaceContactResult) -> bool:
-    bounds = {"table_" + name: value for name, value in touch.explained.bounds.items()}
-    apart = (
+def _contradicts(way: Hypothesis, surfaces: SurfaceContactResult) -> bool:
+    bounds = {"table_" + name: value for name, value in surfaces.comparison.bounds.items()}
+    return any(
         not (bounds[name].low <= value.high and value.low <= bounds[name].high)
-        for name, value in way.sizes.items()
-        if name in bounds and name.removeprefix("table_") not in touch.explained.unseen
+        for name, value in way.estimates.items()
+        if name in bounds and name.removeprefix("table_") not in surfaces.comparison.unidentifiable
     )
-    return any(apart)
 
 
-def gaussian_log_bayes_factor(value: ValueWithInterval) -> float:
-    """By which a number is more probable than none, were it Gaussian."""
+def gaussian_log_bayes_factor(value: Value) -> float:
+    """Nats by which a number is more probable than zero, with a Gaussian error of its interval."""
     deviation = max((value.high - value.low) / 3.92, 1e-9)
     return float(np.clip(0.5 * (value.value / deviation) ** 2, 0.0, 1e3))

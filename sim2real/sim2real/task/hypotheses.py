@@ -1,117 +1,194 @@
-"""Which effects explain a few numbers that were measured with a covariance: competing explanations, rivals, intervals, abstention.
+"""Competing hypotheses: which effects explain what was recorded, by Bayesian model comparison.
 
-Numbers are changes against what is believed. Each is as a set-up that is well has it, or a gap; both are Gaussians about zero, so that
-the probability of what was measured under each explanation is exact.
+A hypothesis is a set of effects that are off. Its value is the log evidence of the recording under it, less log n for each effect, where n is the
+number of equally probable effects that each is one of. An effect is found where it raises the value by MIN_LOG_BAYES_FACTOR or more; effects
+whose hypotheses lie within INDISTINGUISHABLE_LOG_BAYES_FACTOR of each other are reported together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
 from scipy.stats import multivariate_normal
 
-from sim2real.effects.sentences import ValueWithInterval
+from sim2real.effects.catalogue import catalogue
+from sim2real.effects.saying import Value
 from sim2real.thresholds import THRESHOLDS
 
-FELT = THRESHOLDS.felt
-HALF_WIDTH = 1.959964  # standard deviations of a 95 % interval
-Names = frozenset[str]
+N_EQUALLY_LIKELY_CANDIDATES = THRESHOLDS.hypotheses.candidates
+MIN_LOG_BAYES_FACTOR = THRESHOLDS.search.gain
+INDISTINGUISHABLE_LOG_BAYES_FACTOR = THRESHOLDS.ranking.equal
+NORMAL_95 = 1.959964  # standard deviations in half a 95 % interval
+TIMING = ("camera_latency", "clock_offset", "frame_drop", "exposure_blur", "rolling_shutter")
+ENVIRONMENT = "environment"  # module of the catalogue that the task diagnosis calls the table
+Effects = frozenset[str]
+"""Names of effects that are off together."""
 
 
-@dataclass(frozen=True, eq=False)
-class MeasuredChanges:
-    """names of the numbers (k); value (k,) and covariance (k, k); usual and gap (k,): standard deviations of a number of a set-up that is
-    well, and of one that is not. effects: numbers of each effect that may be a gap."""
-
-    names: tuple[str, ...]
-    value: np.ndarray
-    covariance: np.ndarray
-    usual: np.ndarray
-    gap: np.ndarray
-    effects: Mapping[str, tuple[str, ...]]
-
-    def spread(self, gaps: Names) -> np.ndarray:
-        """Standard deviations (k,) of the numbers beforehand, where these effects are gaps."""
-        free = {number for effect in gaps for number in self.effects[effect]}
-        return np.array([np.hypot(u, g) if n in free else u for n, u, g in zip(self.names, self.usual, self.gap)])
-
-    def evidence(self, gaps: Names) -> float:
-        """Nats of what was measured, with the price of each gap."""
-        total = self.covariance + np.diag(self.spread(gaps) ** 2)
-        return float(multivariate_normal(np.zeros(len(self.value)), total).logpdf(self.value)) - len(gaps) * np.log(
-            FELT.prior
-        )
-
-    def posterior(self, gaps: Names) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (k,) and standard deviation (k,) of the numbers where these effects are gaps."""
-        before = np.diag(self.spread(gaps) ** 2)
-        gain = before @ np.linalg.inv(before + self.covariance)
-        return gain @ self.value, np.sqrt(np.maximum(np.diag(before - gain @ before), 0.0))
+def module_of(effect: str) -> str:
+    """The module of the task diagnosis that an effect of the catalogue belongs to."""
+    if effect in TIMING:
+        return "timing"
+    module = catalogue()[effect]["module"]
+    return "table" if module == ENVIRONMENT else module
 
 
 @dataclass(frozen=True)
-class Named:
-    """An effect that is named. sizes: of its numbers; gain: nats by which what was felt is more probable with it; rivals: effects that
-    explain as well in its place, with their sizes."""
+class Hypothesis:
+    """One explanation."""
 
-    effect: str
-    sizes: dict[str, ValueWithInterval]
-    gain: float
-    rivals: dict[str, dict[str, ValueWithInterval]]
+    name: str
+    """As the stage calls it."""
+    effects: tuple[str, ...]
+    """Ids of the catalogue; several where no recording tells them apart."""
+    estimates: dict[str, Value]
+    """Parameters with their 95 % intervals, in SI units and px."""
+    patch: dict[str, float] = field(default_factory=dict)
+    """Parameters as `patch.yaml` names them; empty where no simulator models the effect."""
+
+    @property
+    def module(self) -> str:
+        """The module of its first effect."""
+        return module_of(self.effects[0])
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is off."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    """Explanations that the recording does not tell apart, the most probable first."""
+    log_bayes_factor: float
+    """Nats by which the recording is more probable with the first hypothesis than without it."""
+    source: str = ""
+    """The stage that found it: view, scatter, touch, force, meeting or lag."""
+
+    @property
+    def is_one_effect(self) -> bool:
+        """Whether all hypotheses are the same effect of the catalogue."""
+        return len({effect for one in self.hypotheses for effect in one.effects}) == 1
+
+    @property
+    def is_unrivalled(self) -> bool:
+        """Whether there is one hypothesis, of one effect."""
+        return len(self.hypotheses) == 1 and len(self.hypotheses[0].effects) == 1
 
 
 @dataclass(frozen=True)
 class HypothesisComparison:
-    """verdict: no_gap, identified, ambiguous, undetermined. bounds: every number, were its effect a gap; unseen: those that were hardly
-    narrowed."""
+    """What explains a few measured changes."""
 
     verdict: str
-    named: tuple[Named, ...]
-    bounds: dict[str, ValueWithInterval]
-    unseen: tuple[str, ...]
+    """no_gap, identified, ambiguous or undetermined."""
+    findings: tuple[Finding, ...]
+    """The effects of the best hypothesis."""
+    bounds: dict[str, Value]
+    """Every number with its 95 % interval if its effect were off too."""
+    unidentifiable: tuple[str, ...]
+    """Numbers whose interval the recording hardly narrows."""
+
+
+def verdict_of(findings: Iterable[Finding]) -> str:
+    """identified where every finding has one hypothesis, else ambiguous."""
+    return "identified" if all(one.is_unrivalled for one in findings) else "ambiguous"
+
+
+def select_effects(effects: Iterable[str], value: Callable[[Effects], float], most: int = 2) -> Effects:
+    """The effects of the best hypothesis, `most` at most, each of which raises `value` (nats) enough.
+
+    All pairs are tried first, since either of two effects may look like nothing without the other.
+    """
+    names = tuple(effects)
+    best = max((frozenset(some) for size in range(3) for some in combinations(names, size)), key=value)
+    while best and len(best) < most:
+        more = max((best | {name} for name in names if name not in best), key=value, default=best)
+        if value(more) - value(best) < MIN_LOG_BAYES_FACTOR:
+            break
+        best = more
+    while best:
+        fewer = max((best - {name} for name in best), key=value)
+        if value(best) - value(fewer) >= MIN_LOG_BAYES_FACTOR:
+            break
+        best = fewer
+    return best
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredChanges:
+    """Changes against the nominal values, measured with Gaussian errors. Each has a Gaussian prior about zero, so that evidence is exact."""
+
+    names: tuple[str, ...]
+    """Names of the k numbers."""
+    value: np.ndarray
+    """Measured changes (k,)."""
+    covariance: np.ndarray
+    """Covariance of the measurement (k, k)."""
+    usual: np.ndarray
+    """Prior standard deviations (k,) of a set-up without a gap."""
+    gap: np.ndarray
+    """Further standard deviations (k,) of a number whose effect is off."""
+    effects: Mapping[str, tuple[str, ...]]
+    """Names of the numbers of each effect."""
+
+    def spread(self, gaps: Effects) -> np.ndarray:
+        """Prior standard deviations (k,) where these effects are off."""
+        free = {number for effect in gaps for number in self.effects[effect]}
+        return np.array([np.hypot(u, g) if n in free else u for n, u, g in zip(self.names, self.usual, self.gap)])
+
+    def hypothesis_value(self, gaps: Effects) -> float:
+        """Nats: log evidence less the log prior odds of the effects."""
+        total = self.covariance + np.diag(self.spread(gaps) ** 2)
+        evidence = float(multivariate_normal(np.zeros(len(self.value)), total).logpdf(self.value))
+        return evidence - len(gaps) * np.log(N_EQUALLY_LIKELY_CANDIDATES)
+
+    def posterior(self, gaps: Effects) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (k,) and standard deviation (k,) of the numbers where these effects are off."""
+        before = np.diag(self.spread(gaps) ** 2)
+        gain = before @ np.linalg.inv(before + self.covariance)
+        return gain @ self.value, np.sqrt(np.maximum(np.diag(before - gain @ before), 0.0))
+
+    def estimates(self, gaps: Effects, effect: str) -> dict[str, Value]:
+        """Numbers of an effect with their 95 % intervals where these effects are off."""
+        mean, deviation = self.posterior(gaps)
+        rows = [self.names.index(number) for number in self.effects[effect]]
+        return {
+            self.names[k]: Value(
+                float(mean[k]), float(mean[k] - NORMAL_95 * deviation[k]), float(mean[k] + NORMAL_95 * deviation[k])
+            )
+            for k in rows
+        }
 
 
 def compare_hypotheses(measured: MeasuredChanges) -> HypothesisComparison:
-    """The best explanation of up to two effects."""
-    every = [frozenset(c) for size in range(3) for c in combinations(measured.effects, size)]
-    value = {gaps: measured.evidence(gaps) for gaps in every}
-    best = max(every, key=value.__getitem__)
-    while best:
-        less = max((best - {effect} for effect in best), key=value.__getitem__)
-        if value[best] - value[less] >= FELT.gain:
-            break
-        best = less
-    named = tuple(_named(measured, value, best, effect) for effect in sorted(best))
-    bounds = {n: s for effect in measured.effects for n, s in _sizes(measured, best | {effect}, effect).items()}
-    wide = {n: HALF_WIDTH * FELT.narrowed * g for n, g in zip(measured.names, measured.gap)}
-    unseen = tuple(n for n, v in bounds.items() if (v.high - v.low) / 2 > wide[n] and v.low <= 0 <= v.high)
-    if named:
-        verdict = "ambiguous" if any(one.rivals for one in named) else "identified"
+    """The best hypothesis of up to two effects, and its rivals."""
+    every = [frozenset(some) for size in range(3) for some in combinations(measured.effects, size)]
+    value = {gaps: measured.hypothesis_value(gaps) for gaps in every}
+    best = select_effects(measured.effects, value.__getitem__)
+    findings = tuple(_finding(measured, value, best, effect) for effect in sorted(best))
+    bounds = {n: s for effect in measured.effects for n, s in measured.estimates(best | {effect}, effect).items()}
+    wide = {n: NORMAL_95 * THRESHOLDS.hypotheses.narrowed * g for n, g in zip(measured.names, measured.gap)}
+    unidentifiable = tuple(n for n, v in bounds.items() if (v.high - v.low) / 2 > wide[n] and v.low <= 0 <= v.high)
+    if findings:
+        verdict = verdict_of(findings)
     else:
-        verdict = "undetermined" if len(unseen) == len(measured.names) else "no_gap"
-    return HypothesisComparison(verdict, named, bounds, unseen)
+        verdict = "undetermined" if len(unidentifiable) == len(measured.names) else "no_gap"
+    return HypothesisComparison(verdict, findings, bounds, unidentifiable)
 
 
-def _named(measured: MeasuredChanges, value: Mapping[Names, float], best: Names, effect: str) -> Named:
+def _finding(measured: MeasuredChanges, value: Mapping[Effects, float], best: Effects, effect: str) -> Finding:
+    """An effect of the best hypothesis, with those that explain as well in its place."""
     rest = best - {effect}
     near = [
         n
         for n in value
-        if len(n) == len(best) and rest <= n and effect not in n and value[best] - value[n] < FELT.equal
+        if len(n) == len(best)
+        and rest <= n
+        and effect not in n
+        and value[best] - value[n] < INDISTINGUISHABLE_LOG_BAYES_FACTOR
     ]
-    rivals = {other: _sizes(measured, n, other) for n in near for other in n - rest}
-    return Named(effect, _sizes(measured, best, effect), value[best] - value[rest], rivals)
-
-
-def _sizes(measured: MeasuredChanges, gaps: Names, effect: str) -> dict[str, ValueWithInterval]:
-    mean, deviation = measured.posterior(gaps)
-    rows = [measured.names.index(number) for number in measured.effects[effect]]
-    return {
-        measured.names[k]: ValueWithInterval(
-            float(mean[k]), float(mean[k] - HALF_WIDTH * deviation[k]), float(mean[k] + HALF_WIDTH * deviation[k])
-        )
-        for k in rows
-    }
+    estimates = {effect: measured.estimates(best, effect)}
+    estimates |= {other: measured.estimates(n, other) for n in near for other in n - rest}
+    return Finding(tuple(Hypothesis(name, (name,), own) for name, own in estimates.items()), value[best] - value[rest])

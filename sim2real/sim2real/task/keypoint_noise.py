@@ -14,31 +14,35 @@ import numpy as np
 from scipy.stats import beta
 
 from np_description.keypoints import COUNT
-from sim2real.effects.sentences import ValueWithInterval
+from sim2real.effects import VIEW_RECORDS
+from sim2real.effects.saying import Value
 from sim2real.recordings.reading import ContractViolation
+from sim2real.task.hypotheses import NORMAL_95
 from sim2real.task.keypoint_track import KeypointTrack, find_rests
 from sim2real.thresholds import THRESHOLDS
 
 SCATTER = THRESHOLDS.scatter
-HALF = 1.959964  # standard errors in half a 95 % interval
+UNKNOWN = Value(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class KeypointNoise:
-    """What was found, each number with its 95 % interval.
-
-    seconds, images: at rest; spread px of a coordinate; memory: correlation with the image before; share of corners that are something
-    else, and their size px; repeated: share of the images that show the one before again, None where that cannot be told: nothing
-    moves and nothing scatters.
-    """
+    """Scatter of keypoints at rest, each number with its 95 % interval."""
 
     seconds: float
+    """Time s at rest."""
     images: int
-    spread: ValueWithInterval
-    memory: ValueWithInterval
-    share: ValueWithInterval
-    size: ValueWithInterval
-    repeated: ValueWithInterval | None
+    """Images at rest."""
+    spread: Value
+    """Standard deviation px of a coordinate."""
+    memory: Value
+    """Correlation with the image before."""
+    share: Value
+    """Share of corners that are gross errors."""
+    size: Value
+    """Standard deviation px of gross errors."""
+    repeated: Value | None
+    """Share of images that repeat the one before; None where nothing moves and nothing scatters."""
 
 
 def estimate_keypoint_noise(track: KeypointTrack) -> KeypointNoise:
@@ -67,11 +71,28 @@ def estimate_keypoint_noise(track: KeypointTrack) -> KeypointNoise:
         seconds,
         seen // COUNT,
         _about(spread, spread / np.sqrt(2 * known)),
-        ValueWithInterval(memory, max(memory - HALF * memory_error, 0.0), min(memory + HALF * memory_error, 1.0)),
+        Value(memory, max(memory - NORMAL_95 * memory_error, 0.0), min(memory + NORMAL_95 * memory_error, 1.0)),
         _proportion(share * seen, seen),
         _about(size, size / np.sqrt(2 * 2 * max(share * seen, 1.0))),
         _repeated(fresh, spread),
     )
+
+
+def visible_noise_effects(noise: KeypointNoise) -> dict[str, dict[str, Value]]:
+    """Parameters of the effects that are visible, by effect: those whose whole interval is beyond the limit that the effect declares."""
+    effects = {
+        "keypoint_noise": ("spread", {"spread": noise.spread, "memory": noise.memory}),
+        "keypoint_outliers": ("share", {"share": noise.share, "size": noise.size}),
+        "frame_drop": ("share", {"share": noise.repeated or UNKNOWN}),
+    }
+    visible = {
+        name: values for name, (size, values) in effects.items() if values[size].low > VIEW_RECORDS[name].seen.limit
+    }
+    if noise.spread.value < SCATTER.noiseless:
+        visible.pop("frame_drop", None)  # an object that rests looks the same in every image
+    if noise.size.low < SCATTER.gross:  # the long tail of a small scatter does no harm
+        visible.pop("keypoint_outliers", None)
+    return visible
 
 
 def _is_fresh(track: KeypointTrack) -> np.ndarray:
@@ -156,5 +177,5 @@ def _proportion(count: float, of: int) -> ValueWithInterval:
     return ValueWithInterval(count / of, float(low), float(high))
 
 
-def _about(value: float, error: float) -> ValueWithInterval:
-    return ValueWithInterval(float(value), float(max(value - HALF * error, 0.0)), float(value + HALF * error))
+def _about(value: float, error: float) -> Value:
+    return Value(float(value), float(max(value - NORMAL_95 * error, 0.0)), float(value + NORMAL_95 * error))

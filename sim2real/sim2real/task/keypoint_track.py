@@ -17,16 +17,16 @@ TRACK = THRESHOLDS.track
 
 @dataclass(frozen=True, eq=False)
 class KeypointTrack:
-    """Keypoints that were found in n images.
-
-    time (n,) s from the first, increasing; pixels (n, 8, 2) u, v px; usable (n, 8) bool: those with the score that policies ask for.
-    Raises ContractViolation for anything else.
-    """
+    """Keypoints of n images. Raises ContractViolation for arrays of another shape, or stamps that do not increase."""
 
     name: str
+    """Recording."""
     time: np.ndarray
+    """Times (n,) s from the first image, increasing."""
     pixels: np.ndarray
+    """Corners (n, 8, 2) u, v px."""
     usable: np.ndarray
+    """Whether (n, 8) a corner has the score that policies ask for."""
 
     def __post_init__(self) -> None:
         n = len(self.time)

@@ -1,4 +1,4 @@
-"""What is read for all stages together: recordings of one set-up."""
+"""Recordings of one set-up, read for all stages."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ def read_recordings(
 ) -> TaskRecordings:
     """Rosbag2 recordings in the order of time; calibration, measured: as of `read_rest_poses`; camera: that is believed in. Raises ContractViolation for
     one that has no keypoints, or is of another object than the first."""
-    tasks, tracks, places = [], [], []
+    tasks, tracks, rest_poses = [], [], []
     for bag in bags:
         try:
             tasks.append(mask_occluded_keypoints(read_task(bag), camera))
             tracks.append(tasks[-1].track)
         except NotATaskSuite:  # an episode: it is seen, and not felt
             tracks.append(read_keypoint_track(bag))
-        places += read_rest_poses(bag, calibration, measured, tracks[-1])
+        rest_poses += read_rest_poses(bag, calibration, measured, tracks[-1])
     _of_one_object(tasks)
-    return TaskRecordings(tuple(tasks), tuple(tracks), tuple(places))
+    return TaskRecordings(tuple(tasks), tuple(tracks), tuple(rest_poses))
 
 
-def read_held_out(bags: Sequence[str | Path], seen: TaskRecordings) -> tuple[TaskRecording, ...]:
-    """Further recordings of the task suite, of which no stage shall hear. Raises ContractViolation for one that is none, or of another object."""
+def read_held_out(bags: Sequence[str | Path], recordings: TaskRecordings) -> tuple[TaskRecording, ...]:
+    """Further recordings of the task suite, which no stage uses. Raises ContractViolation for one that is none, or of another object."""
     fresh = tuple(read_task(bag) for bag in bags)
-    _of_one_object([*seen.tasks, *fresh])
+    _of_one_object([*recordings.tasks, *fresh])
     return fresh
 
 

@@ -18,17 +18,22 @@ FORCE = THRESHOLDS.contact_force
 
 @dataclass(frozen=True, eq=False)
 class ArmMotion:
-    """A stretch of a recording at `FORCE.rate` rows a second. time (n,) s; position (n, 7) rad, velocity (n, 7) rad/s; excess (n, 7) Nm:
-    torque of the drives beyond inertia, friction and damping of the arm; tip (n, 3) m: middle of the fingertips' end; turn (n, 3, 3)
-    of the hand; moves (n, 3) m/s of the tip."""
+    """A stretch of a recording at `FORCE.rate` rows a second."""
 
     time: np.ndarray
+    """Times (n,) s."""
     position: np.ndarray
+    """Joint positions (n, 7) rad."""
     velocity: np.ndarray
+    """Joint velocities (n, 7) rad/s."""
     excess: np.ndarray
+    """Torques (n, 7) Nm of the drives beyond inertia, friction and damping of the arm."""
     tip: np.ndarray
+    """Middle (n, 3) m of the fingertips' end."""
     turn: np.ndarray
+    """Rotations (n, 3, 3) of the hand."""
     moves: np.ndarray
+    """Velocities (n, 3) m/s of the tip."""
 
     def __len__(self) -> int:
         return len(self.time)
@@ -107,11 +112,6 @@ def _weighed(
         unknown |= np.sign(moved.velocity) != turning
     deviation = FORCE.torque + np.where(unknown, panda.frictionloss, FORCE.friction * panda.frictionloss)
     return np.linalg.pinv(np.swapaxes(jac, 1, 2) / deviation[..., None]), deviation
-
-
-def standing_friction(panda: PandaModel = NOMINAL) -> float:
-    """N by which the friction of joints at rest may feign a force, about: the strongest joint's over a lever of half a metre."""
-    return float(panda.frictionloss.max() / 0.5)
 
 
 def leading_corner(direction: np.ndarray, turn: np.ndarray, tip: np.ndarray) -> np.ndarray:

@@ -58,7 +58,7 @@ class Thresholds:
     motion: task.Moving = task.Moving()
     untouched: task.Untouching = task.Untouching()
     covered: task.Covering = task.Covering()
-    felt: task.Felt = task.Felt()
+    hypotheses: task.Hypotheses = task.Hypotheses()
 
 
 THRESHOLDS = Thresholds()

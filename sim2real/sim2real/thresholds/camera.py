@@ -75,9 +75,6 @@ class ViewChange:
 
     places: int = threshold(3, "places", "fewest that tell anything apart", JUDGEMENT)
     apart: float = threshold(40.0, "px", "between the two that are farthest apart, at least", "a fifth of the image")
-    prior: float = threshold(8.0, "candidates", "equally probable effects that a candidate is one of", "as of pushes")
-    gain: float = threshold(3.0, "nats", "that an effect must gain beyond its log prior", "as of the arm's effects")
-    equal: float = threshold(3.0, "nats", "within which two explanations explain the same", "as of the arm's effects")
     distant: float = threshold(
         8.0, "nats", "by which a fit is less probable, that no longer counts in a size", NUMERICS
     )

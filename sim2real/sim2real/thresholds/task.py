@@ -259,10 +259,8 @@ class Untouching:
 
 
 @dataclass(frozen=True)
-class Felt:
-    """Which explanation of what was felt stands (chain/explanations.py)."""
+class Hypotheses:
+    """Competing hypotheses of the task diagnosis (`sim2real.task.hypotheses`); log Bayes factors are those of the arm's effects."""
 
-    prior: float = threshold(8.0, "candidates", "equally probable effects that a candidate is one of", "as of pushes")
-    gain: float = threshold(3.0, "nats", "that an effect must gain beyond its log prior", "as of the arm's effects")
-    equal: float = threshold(3.0, "nats", "within which two explanations explain the same", "as of the arm's effects")
+    candidates: float = threshold(8.0, "candidates", "equally probable effects that an effect is one of", JUDGEMENT)
     narrowed: float = threshold(0.25, "1", "of a gap's spread to which a recording must narrow it to see it", JUDGEMENT)

@@ -31,19 +31,19 @@ def at_once(found: TaskDiagnosis) -> AtOnce:
         if not low <= 0.0 <= high:
             named.add(effect)
 
-    if found.force and found.force.measured:
-        believed = NominalContact.of(found.seen.tasks[0].domain)
+    if found.forces and found.forces.measured:
+        believed = NominalContact.of(found.recordings.tasks[0].domain)
         for number, effect in FORCES.items():
-            if number in found.force.measured:
-                put(effect, "relative", *(v / getattr(believed, number) - 1 for v in found.force.measured[number]))
-    if found.touch and found.touch.explained:
-        height = found.touch.explained.bounds["height"]
+            if number in found.forces.measured:
+                put(effect, "relative", *(v / getattr(believed, number) - 1 for v in found.forces.measured[number]))
+    if found.surfaces and found.surfaces.comparison:
+        height = found.surfaces.comparison.bounds["height"]
         put("table_height", "height", height.value, height.low, height.high)
-    if found.lag and found.lag.late:
-        put("camera_latency", "delay", found.lag.late.value, found.lag.late.low, found.lag.late.high)
-    if found.meeting and found.meeting.explained:
+    if found.latency and found.latency.late:
+        put("camera_latency", "delay", found.latency.late.value, found.latency.late.low, found.latency.late.high)
+    if found.hand_eye and found.hand_eye.comparison:
         for axis in "xy":
-            off = found.meeting.explained.bounds[axis]
+            off = found.hand_eye.comparison.bounds[axis]
             put("camera_extrinsics", axis, -off.value, -off.high, -off.low)
     records = {**SCENE_EFFECTS, **CAMERA_EFFECTS}
     if "camera_latency" in values:  # a picture does not come before it is taken

@@ -22,12 +22,14 @@ FAINT = 0.05  # of the clearest of a pattern's directions, below which it is the
 
 @dataclass(frozen=True)
 class HeldOut:
-    """At places that were left out of the fit. gain: nats a place by which corners there are more probable with the explanation; before,
-    after: px, median distance of a corner from where it is expected without and with it."""
+    """What a hypothesis predicts at rest poses that it was not fitted to."""
 
     gain: float
+    """Log Bayes factor (nats) of a rest pose."""
     before: float
+    """Median distance px of a corner from its nominal place."""
     after: float
+    """The same with the hypothesis."""
 
 
 def find_residual_patterns(scene: CameraScene, found: CameraFit, prior: Prior) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
 
 import numpy as np
 from scipy.optimize import brentq
@@ -22,54 +21,54 @@ from sim2real.task.camera.checks import HeldOut, corner_distances, find_residual
 from sim2real.task.camera.fit import CameraFit, Prior, evaluate_at, fit_scene
 from sim2real.task.camera.flat_pose import fit_flat_pose
 from sim2real.task.camera.model import CameraScene, make_scene
-from sim2real.task.camera.parameters import BY_NAME, EFFECTS, GAP, NAMES, PARAMETERS, USUAL, distinguishing_experiments
+from sim2real.task.camera.parameters import BY_NAME, EFFECTS, GAP, NAMES, PARAMETERS, USUAL
 from sim2real.task.camera.rest_poses import RestPose, distinct_rest_poses
+from sim2real.task.hypotheses import (
+    INDISTINGUISHABLE_LOG_BAYES_FACTOR,
+    N_EQUALLY_LIKELY_CANDIDATES,
+    Effects,
+    Finding,
+    Hypothesis,
+    select_effects,
+    verdict_of,
+)
 from sim2real.thresholds import THRESHOLDS
 
 VIEW = THRESHOLDS.view_change
-Names = frozenset[str]
-"""Effects by their names in EFFECTS."""
-
-
-@dataclass(frozen=True)
-class Named:
-    """An effect that is named. gain: nats by which the corners are more probable with it; sizes: by number, each with its interval.
-
-    rivals: effects that explain as well in its place, with the sizes that they would have; split_by: experiments that tell.
-    """
-
-    effect: str
-    gain: float
-    sizes: dict[str, ValueWithInterval]
-    rivals: dict[str, dict[str, ValueWithInterval]]
-    split_by: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class CameraDiagnosis:
-    """The answer. places: that count; left_out: names of places at which the object does not lie flat. off: px, median distance of a
-    corner from where it is believed to be.
-
-    gains: nats of each effect alone. bounds: every number with its interval were its effect a gap too; unseen: those among them that this
-    recording does not narrow. scatter: px, a corner's error in a view, that the best explanation leaves, and that none leaves. doubt: why
-    nothing is said, or why it explains nothing. held_out: what the explanation is worth at places that it was not fitted to.
-    scene, fit, nominal: of the best explanation and of none, for pictures; None where there are too few places for any.
-    """
+    """What explains where corners of the resting object are seen."""
 
     verdict: str
+    """no_gap, identified, ambiguous, unexplained or undetermined."""
     places: int
+    """Rest poses that count."""
     left_out: tuple[str, ...]
+    """Effects of rest poses at which the object does not lie flat."""
     off: float | None = None
-    named: tuple[Named, ...] = ()
+    """Median distance px of a corner from its nominal place."""
+    findings: tuple[Finding, ...] = ()
+    """The effects of the best hypothesis."""
     gains: dict[str, float] = field(default_factory=dict)
-    bounds: dict[str, ValueWithInterval] = field(default_factory=dict)
-    unseen: tuple[str, ...] = ()
+    """Log Bayes factor (nats) of each effect alone."""
+    bounds: dict[str, Value] = field(default_factory=dict)
+    """Every number with its 95 % interval if its effect were off too."""
+    unidentifiable: tuple[str, ...] = ()
+    """Numbers that the recording does not narrow."""
     scatter: tuple[float, float] | None = None
-    doubt: str = ""
+    """Error px of a corner in a view that the best hypothesis leaves, and that the nominal set-up leaves."""
+    abstention_reason: str = ""
+    """Why the stage abstains, or what the best hypothesis does not explain."""
     held_out: HeldOut | None = None
+    """What the best hypothesis predicts at rest poses that it was not fitted to."""
     scene: CameraScene | None = field(default=None, compare=False)
+    """Rest poses as arrays; None where there are too few."""
     fit: CameraFit | None = field(default=None, compare=False)
+    """Fit of the best hypothesis."""
     nominal: CameraFit | None = field(default=None, compare=False)
+    """Fit without any gap."""
 
 
 def diagnose_camera(places: Sequence[RestPose], camera: Camera = CAMERA) -> CameraDiagnosis:
@@ -87,58 +86,59 @@ def diagnose_camera(places: Sequence[RestPose], camera: Camera = CAMERA) -> Came
         off = np.array([way.off for way in ways])
         seen = f"{np.median(off[np.isfinite(off)]):.0f} px off" if np.isfinite(off).any() else "measured as tilted"
         doubt = f"at {len(left_out)} of {len(places)} places the corners are of no {_size(places[0])} that lies flat ({seen})"
-        return CameraDiagnosis("unexplained", int(flat.sum()), left_out, doubt=doubt)
+        return CameraDiagnosis("unexplained", int(flat.sum()), left_out, abstention_reason=doubt)
     kept = [(p, w) for p, w, is_flat in zip(places, ways, flat) if is_flat]
     seen = make_scene([p for p, _ in kept], [(w.face, w.surface) for _, w in kept], camera)
-    models = _Models(seen, np.array([w.pose for _, w in kept]))
+    models = _CameraModels(seen, np.array([w.pose for _, w in kept]))
     nominal = models.of(frozenset())
     believed = evaluate_at(seen, np.zeros(len(NAMES)), nominal.poses, nominal.scatter)
     off = float(np.median(corner_distances(seen, believed, models.start)))
     told = {"places": len(kept), "left_out": left_out, "off": off, "scene": seen, "nominal": nominal}
     if doubt := _too_little(seen):
-        return CameraDiagnosis("undetermined", **told, doubt=doubt, fit=nominal, unseen=NAMES)
-    chosen = models.chosen()
+        return CameraDiagnosis("undetermined", **told, abstention_reason=doubt, fit=nominal, unidentifiable=NAMES)
+    chosen = select_effects(EFFECTS, models.value, VIEW.most)
     best = models.of(chosen)
-    named = tuple(sorted((_named(models, chosen, effect) for effect in chosen), key=lambda one: -one.gain))
+    findings = tuple(
+        sorted((_finding(models, chosen, effect) for effect in chosen), key=lambda one: -one.log_bayes_factor)
+    )
     bounds = _bounds(models, chosen)
     doubt = "; ".join(filter(None, (_strained(best, chosen), find_residual_patterns(seen, best, models.prior(chosen)))))
     if doubt:
         verdict = "unexplained"
-    elif named:
-        is_one = not any(one.rivals or len(EFFECTS[one.effect].ids) > 1 for one in named)
-        verdict = "identified" if is_one else "ambiguous"
+    elif findings:
+        verdict = verdict_of(findings)
     else:
-        verdict = "undetermined" if len(bounds["unseen"]) > VIEW.blind * len(NAMES) else "no_gap"
-        hidden = f"{len(bounds['unseen'])} of {len(NAMES)} numbers could be off and would not show in it"
+        verdict = "undetermined" if len(bounds["unidentifiable"]) > VIEW.blind * len(NAMES) else "no_gap"
+        hidden = f"{len(bounds['unidentifiable'])} of {len(NAMES)} numbers could be off and would not show in it"
         doubt = "" if verdict == "no_gap" else hidden
     return CameraDiagnosis(
         verdict,
         **told,
         **bounds,
-        named=named,
+        findings=findings,
         gains={name: models.gain(frozenset([name])) for name in EFFECTS},
         scatter=(best.scatter, nominal.scatter),
-        doubt=doubt,
+        abstention_reason=doubt,
         held_out=held_out_gain(seen, best, models.prior(chosen), models.start),
         fit=best,
     )
 
 
-class _Models:
+class _CameraModels:
     """Fits of one scene by the effects that are gaps in them, each made once."""
 
     def __init__(self, seen: CameraScene, start: np.ndarray) -> None:
         self._scene, self.start = seen, start
-        self._made: dict[Names, CameraFit] = {}
+        self._made: dict[Effects, CameraFit] = {}
 
-    def prior(self, names: Names) -> Prior:
+    def prior(self, names: Effects) -> Prior:
         """What is known beforehand where these effects are gaps, and all else is as usual."""
         gap = np.zeros(len(NAMES), bool)
         for name in names:
             gap[EFFECTS[name].numbers] = True
         return Prior(np.where(gap, np.hypot(USUAL, GAP), USUAL), gap, np.ones(len(NAMES), bool))
 
-    def of(self, names: Names) -> CameraFit:
+    def of(self, names: Effects) -> CameraFit:
         """The fit with these effects as gaps."""
         if names not in self._made:
             first = min((n for n in self._made if n < names), key=lambda n: self._made[n].cost, default=None)
@@ -148,35 +148,19 @@ class _Models:
                 self._made[names] = max(self._made[names], again, key=lambda one: one.evidence)
         return self._made[names]
 
-    def gain(self, names: Names) -> float:
+    def gain(self, names: Effects) -> float:
         """Nats of the evidence beyond that of no gap."""
         return self.of(names).evidence - self.of(frozenset()).evidence
 
-    def value(self, names: Names) -> float:
+    def value(self, names: Effects) -> float:
         """Nats, with the price of each effect."""
-        return self.of(names).evidence - len(names) * np.log(VIEW.prior)
+        return self.of(names).evidence - len(names) * np.log(N_EQUALLY_LIKELY_CANDIDATES)
 
-    def cost(self, names: Names, scatter: float) -> float:
+    def cost(self, names: Effects, scatter: float) -> float:
         """Nats by which corners and numbers are off where a corner's error is that: without the price of numbers that are free."""
         return fit_scene(self._scene, self.prior(names), self.start, scatter, self.of(names)).cost
 
-    def chosen(self) -> Names:
-        """The best explanation, every effect of which gains what it must."""
-        every = [frozenset(c) for size in range(3) for c in combinations(EFFECTS, size)]
-        best = max(every, key=self.value)  # of all pairs: either of two may look as nothing without the other
-        while best and len(best) < VIEW.most:
-            more = max((best | {name} for name in EFFECTS if name not in best), key=self.value)
-            if self.value(more) - self.value(best) < VIEW.gain:
-                break
-            best = more
-        while best:
-            least = max((best - {name} for name in best), key=self.value)
-            if self.value(best) - self.value(least) >= VIEW.gain:
-                break
-            best = least
-        return best
-
-    def sizes(self, effect: str, without: Names = frozenset()) -> dict[str, ValueWithInterval]:
+    def estimates(self, effect: str, without: Effects = frozenset()) -> dict[str, Value]:
         """The numbers of an effect over all fits that have it as a gap, and none `without`, as probable as each of them is."""
         having = [n for n in self._made if effect in n and not n & without]
         values = np.array([self.value(n) for n in having])
@@ -190,9 +174,11 @@ class _Models:
             found[NAMES[n]] = ValueWithInterval(float(share @ middle), *_interval(share, middle, width, freedom))
         return found
 
-    def near(self, names: Names) -> list[Names]:
+    def near(self, names: Effects) -> list[Effects]:
         """Explanations that are about as probable as this one."""
-        return [other for other in self._made if self.value(names) - self.value(other) < VIEW.equal]
+        return [
+            other for other in self._made if self.value(names) - self.value(other) < INDISTINGUISHABLE_LOG_BAYES_FACTOR
+        ]
 
 
 def _interval(share: np.ndarray, middle: np.ndarray, width: np.ndarray, freedom: np.ndarray) -> tuple[float, float]:
@@ -206,30 +192,35 @@ def _interval(share: np.ndarray, middle: np.ndarray, width: np.ndarray, freedom:
     return float(at(0.025)), float(at(0.975))
 
 
-def _named(models: _Models, chosen: Names, effect: str) -> Named:
+def _finding(models: _CameraModels, chosen: Effects, effect: str) -> Finding:
     """The effect with all that may stand in its place: as probable, or as near to the corners with the same scatter."""
     rest, scatter = chosen - {effect}, models.of(chosen).scatter
     cost = models.cost(chosen, scatter)
     others = [name for name in EFFECTS if name not in chosen]
-    rivals = {name for name in others if models.cost(rest | {name}, scatter) - cost < VIEW.equal}
+    rivals = {
+        name for name in others if models.cost(rest | {name}, scatter) - cost < INDISTINGUISHABLE_LOG_BAYES_FACTOR
+    }
     rivals |= {name for near in models.near(chosen) if effect not in near for name in near - chosen}
-    return Named(
-        effect,
-        models.value(chosen) - models.value(rest),
-        models.sizes(effect, frozenset(rivals)),
-        {name: models.sizes(name, frozenset([effect])) for name in others if name in rivals},
-        distinguishing_experiments(frozenset([effect, *rivals])),
-    )
+    log_bayes_factor = models.value(chosen) - models.value(rest)
+    estimates = {effect: models.estimates(effect, frozenset(rivals))}
+    estimates |= {name: models.estimates(name, frozenset([effect])) for name in others if name in rivals}
+    return Finding(tuple(_hypothesis(*one) for one in estimates.items()), log_bayes_factor, "view")
 
 
-def _bounds(models: _Models, chosen: Names) -> dict:
+def _hypothesis(effect: str, estimates: dict[str, Value]) -> Hypothesis:
+    known = EFFECTS[effect]
+    patch = dict(zip(known.quantities, (value.value for value in estimates.values())))
+    return Hypothesis(effect, tuple(known.ids), estimates, patch)
+
+
+def _bounds(models: _CameraModels, chosen: Effects) -> dict:
     """`bounds` and `unseen` of a View."""
     bounds: dict[str, ValueWithInterval] = {}
     for effect in EFFECTS:
         models.of(chosen | {effect})
-        bounds |= models.sizes(effect)
+        bounds |= models.estimates(effect)
     unseen = tuple(name for name in NAMES if not BY_NAME[name].is_seen(bounds[name].low, bounds[name].high))
-    return {"bounds": {name: bounds[name] for name in NAMES}, "unseen": unseen}
+    return {"bounds": {name: bounds[name] for name in NAMES}, "unidentifiable": unseen}
 
 
 def _too_little(seen: CameraScene) -> str:
@@ -244,7 +235,7 @@ def _too_little(seen: CameraScene) -> str:
     return ""
 
 
-def _strained(best: CameraFit, chosen: Names) -> str:
+def _strained(best: CameraFit, chosen: Effects) -> str:
     """What would have to be off by more than it ever is, or how much is left, for this to be the explanation; "" for nothing."""
     if best.scatter > VIEW.misfit:
         return f"corners are off by {best.scatter:.1f} px from view to view in the best explanation; {VIEW.misfit:g} are usual"

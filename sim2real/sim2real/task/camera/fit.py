@@ -25,12 +25,14 @@ MEASURED = np.repeat(THRESHOLDS.view_spreads.measured, 3)
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known of the numbers beforehand. spread (d,): their scales; gap (d,) bool: those that are a gap; free (d,) bool: those that
-    may differ from nothing at all."""
+    """Prior distribution of the numbers."""
 
     spread: np.ndarray
+    """Scales (d,)."""
     gap: np.ndarray
+    """Whether (d,) a number is a gap: Cauchy in place of Gaussian."""
     free: np.ndarray
+    """Whether (d,) a number may differ from zero."""
 
     def cost(self, vector: np.ndarray) -> float:
         """Minus the log density, nats but for a constant."""
@@ -50,21 +52,26 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class CameraFit:
-    """A scene beside the model. vector (d,), covariance (d, d); poses (k, 3): x m, y m, yaw rad; scatter: px, of a corner in a view.
-
-    evidence: nats, but for a constant of the scene; cost: nats, of the most probable numbers. freedom: numbers seen beyond those that
-    were fitted. lines: the model there; weights (k, 8) 1/px^2 of the corners, 0 where not usable.
-    """
+    """A scene beside the model."""
 
     vector: np.ndarray
+    """Most probable numbers (d,)."""
     covariance: np.ndarray
+    """Their covariance (d, d)."""
     poses: np.ndarray
+    """x m, y m, yaw rad (k, 3) of the object."""
     scatter: float
+    """Error px of a corner in a view."""
     evidence: float
+    """Log evidence (nats), up to a constant of the scene."""
     cost: float
+    """Minus the log density (nats) at the most probable numbers."""
     freedom: float
+    """Coordinates seen beyond the numbers that were fitted."""
     lines: LinearisedScene
+    """The model there."""
     weights: np.ndarray
+    """Weights (k, 8) 1/px^2 of the corners, 0 where not usable."""
 
     def left(self, scene: CameraScene) -> np.ndarray:
         """Pixels (k, 8, 2) by which corners are seen off the model, NaN where not usable."""

@@ -26,15 +26,16 @@ FACES = np.array(
 
 @dataclass(frozen=True, eq=False)
 class FlatPoseFit:
-    """face (3, 3): rotation of the object before it is turned by yaw; surface m over the table; pose (3,): x m, y m, yaw rad.
-
-    off: px, root mean square over the usable corners; infinite where the pose that was measured is not that of a box that lies flat.
-    """
+    """The pose of a box that lies flat."""
 
     face: np.ndarray
+    """Rotation (3, 3) of the object before it is turned by yaw."""
     surface: float
+    """Height m of its support over the table."""
     pose: np.ndarray
+    """x m, y m, yaw rad (3,)."""
     off: float
+    """Root mean square px over usable corners; infinite where the measured pose is not flat."""
 
     @property
     def is_flat(self) -> bool:

@@ -28,23 +28,30 @@ NEAREST = 0.05  # m before the lens, nearer than which nothing is seen
 
 @dataclass(frozen=True, eq=False)
 class CameraScene:
-    """k places as arrays, as the object lies there.
-
-    pixels (k, 8, 2) px, 0 where not usable; usable (k, 8) bool; error (k, 8) px; half (k, 3) m; face (k, 3, 3): object to table
-    before yaw; surface (k,) m over the table; position (k, 3) m and rotation (k, 3, 3) as measured; measured (k,) bool.
-    """
+    """k rest poses as arrays."""
 
     camera: Camera
+    """Nominal camera."""
     names: tuple[str, ...]
+    """Names of the rest poses."""
     pixels: np.ndarray
+    """Corners (k, 8, 2) px, 0 where not usable."""
     usable: np.ndarray
+    """Whether (k, 8) a corner is usable."""
     error: np.ndarray
+    """Standard errors (k, 8) px."""
     half: np.ndarray
+    """Half edges (k, 3) m of the object."""
     face: np.ndarray
+    """Rotations (k, 3, 3) from object to table, before yaw."""
     surface: np.ndarray
+    """Heights (k,) m of the support over the table."""
     position: np.ndarray
+    """Measured positions (k, 3) m."""
     rotation: np.ndarray
+    """Measured rotations (k, 3, 3)."""
     measured: np.ndarray
+    """Whether (k,) the pose was measured."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -57,21 +64,24 @@ class CameraScene:
 
 @dataclass(frozen=True, eq=False)
 class LinearisedScene:
-    """A scene at some numbers, linearised.
-
-    seen (k, 8, 2) px; by_vector (k, 8, 2, d), by_pose (k, 8, 2, 3): derivatives by the vector, and by x m, y m, yaw rad of the place.
-    off (k, 6): pose of the object minus the measured one, m and rad, 0 where none was; off_by_vector (k, 6, d), off_by_pose (k, 6, 3).
-    ahead: whether every corner is before the lens. by_point (k, 8, 2, 3) px/m: by the corner in the object's frame.
-    """
+    """A scene at some numbers, linearised."""
 
     seen: np.ndarray
+    """Predicted corners (k, 8, 2) px."""
     by_vector: np.ndarray
+    """Derivatives (k, 8, 2, d) by the numbers."""
     by_pose: np.ndarray
+    """Derivatives (k, 8, 2, 3) by x m, y m, yaw rad of the object."""
     off: np.ndarray
+    """Pose minus measured pose (k, 6) in m and rad, 0 where none was measured."""
     off_by_vector: np.ndarray
+    """Its derivatives (k, 6, d) by the numbers."""
     off_by_pose: np.ndarray
+    """Its derivatives (k, 6, 3) by the pose."""
     ahead: bool
+    """Whether every corner is before the lens."""
     by_point: np.ndarray
+    """Derivatives (k, 8, 2, 3) px/m by the corner in the object's frame."""
 
 
 def make_scene(places: Sequence[RestPose], lying: Sequence[tuple[np.ndarray, float]], camera: Camera) -> CameraScene:

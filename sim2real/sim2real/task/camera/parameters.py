@@ -14,19 +14,24 @@ SPREADS = THRESHOLDS.view_spreads
 
 @dataclass(frozen=True)
 class CameraParameter:
-    """One number. name: as in JSON; said: in words; unit: SI, px or 1; usual, gap: standard deviations (thresholds).
-
-    shown, scale: unit of the words, and what the number is multiplied by for it. largest: beyond which no such gap is physical.
-    """
+    """One number of the camera model."""
 
     name: str
+    """Name in JSON."""
     said: str
+    """Name in sentences."""
     unit: str
+    """SI, px or 1."""
     usual: float
+    """Standard deviation of a set-up without a gap."""
     gap: float
+    """Standard deviation of a gap."""
     shown: str
+    """Unit in sentences."""
     scale: float
+    """Factor from `unit` to `shown`."""
     largest: float
+    """Largest gap that is physical."""
 
     def is_seen(self, low: float, high: float) -> bool:
         """Whether an interval says something of the number: its sign, or that it is much nearer to nothing than a gap may be."""
@@ -65,17 +70,18 @@ def parameter_indices(prefix: str) -> np.ndarray:
 
 @dataclass(frozen=True)
 class CameraEffect:
-    """One explanation. ids: of the catalogue; several are one in every picture, and are named together.
-
-    fields: which numbers it changes. called: what is off; said: how, with its numbers in braces (`sim2real.effects.sentences`). quantities: what `patch.yaml` calls the numbers, empty where a
-    patch cannot say which of the ids it is, or cannot carry it.
-    """
+    """One explanation of where corners are seen."""
 
     ids: tuple[str, ...]
+    """Effects of the catalogue; several look alike in every picture and are reported together."""
     fields: tuple[str, ...]
+    """Numbers that it changes."""
     called: str
+    """What is off, in words."""
     said: str
+    """Sentence template with its numbers in braces (`sim2real.effects.saying`)."""
     quantities: tuple[str, ...] = ()
+    """Names of the numbers in `patch.yaml`; empty where a patch cannot carry it."""
 
     @property
     def numbers(self) -> np.ndarray:

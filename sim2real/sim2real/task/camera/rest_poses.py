@@ -22,21 +22,22 @@ PLACES = THRESHOLDS.places
 
 @dataclass(frozen=True, eq=False)
 class RestPose:
-    """The object at rest.
-
-    pixels (8, 2) px: median of each corner, NaN where it is not usable; error (8,) px: standard error of a coordinate of it by scatter
-    from image to image. domain: the object and what it may lie on. position (3,) m and rotation (3, 3) of the object in the base
-    frame by what is not the camera, None where nothing measured it. images: that it was seen in. Raises ContractViolation for
-    arrays of another shape or fewer than PLACES.corners usable corners.
-    """
+    """The object at rest. Raises ContractViolation for arrays of another shape or fewer than PLACES.corners usable corners."""
 
     name: str
+    """Recording and time."""
     pixels: np.ndarray
+    """Median (8, 2) px of each corner, NaN where it is not usable."""
     error: np.ndarray
+    """Standard error (8,) px of a coordinate, from scatter between images."""
     domain: Domain
+    """The object and what it may lie on."""
     position: np.ndarray | None = None
+    """Position (3,) m in the base frame, measured without the camera; None where nothing measured it."""
     rotation: np.ndarray | None = None
+    """Rotation (3, 3) to the base frame, likewise."""
     images: int = 1
+    """Images in which it was seen."""
 
     def __post_init__(self) -> None:
         if self.pixels.shape != (COUNT, 2) or self.error.shape != (COUNT,):

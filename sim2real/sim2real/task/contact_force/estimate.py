@@ -14,8 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_description.camera import CAMERA, Camera
-from np_description.panda import NOMINAL, PandaModel
 from sim2real.task.contact_force.external_force import find_external_press, find_external_pull
 from sim2real.task.contact_force.fit import (
     GRAVITY,
@@ -25,11 +23,9 @@ from sim2real.task.contact_force.fit import (
     jackknife_factor,
     predict_forces,
 )
-from sim2real.task.contact_force.readings import ForceReading, read_forces
-from sim2real.task.contact_force.tap_slide import TapSlide, find_tap_slides
+from sim2real.task.contact_force.readings import ForceReading
+from sim2real.task.contact_force.tap_slide import TapSlide
 from sim2real.task.hypotheses import HypothesisComparison, MeasuredChanges, compare_hypotheses
-from sim2real.task.suite.hand_eye_offset import estimate_hand_eye_offset
-from sim2real.task.suite.recording import TaskRecording
 from sim2real.thresholds import THRESHOLDS
 
 FORCE = THRESHOLDS.forcing
@@ -40,32 +36,32 @@ EFFECTS = {"table_friction": ("table",), "object_mass": ("mass",), "gripper_fric
 
 @dataclass(frozen=True, eq=False)
 class ContactForceResult:
-    """verdict: as of Explained, or unexplained; doubt: why nothing is said. readings: that count. misfit: their errors over the usual ones.
-    before, after: N, root mean square by which a reading is off when the other experiments tell friction and mass, without and with what is
-    named. measured: coefficients `table` and `finger`, and `mass` kg, with 95 % intervals, of what was measured. least_finger: what the
-    coefficient of the fingertip is at least, by what it held in drags and scrapes."""
+    """Friction and mass as contact forces show them."""
 
     verdict: str
-    explained: HypothesisComparison | None
+    """no_gap, identified, ambiguous, unexplained or undetermined."""
+    comparison: HypothesisComparison | None
+    """Hypotheses for friction and mass; None where the stage abstains."""
     readings: tuple[ForceReading, ...]
-    doubt: str = ""
+    """Readings that count."""
+    abstention_reason: str = ""
+    """Why the stage abstains, or what nothing explains."""
     misfit: float | None = None
+    """Errors of the readings over the usual ones."""
     before: float | None = None
+    """Root mean square N of a reading as nominal, where the other experiments estimate friction and mass."""
     after: float | None = None
+    """The same with the findings."""
     measured: dict[str, tuple[float, float, float]] | None = None
+    """Coefficients `table` and `finger` and `mass` kg with 95 % intervals, of those that were measured."""
     least_finger: float | None = None
-
-
-def weigh(recording: TaskRecording, panda: PandaModel = NOMINAL, camera: Camera = CAMERA) -> ContactForceResult:
-    """Of a recording of the task suite. panda: the arm as it is; camera: over the table as it was felt, see `seen.over`."""
-    slid = find_tap_slides(recording, estimate_hand_eye_offset(recording, camera), camera)
-    return estimate_friction_and_mass(read_forces(recording, panda, camera), NominalContact.of(recording.domain), slid)
+    """Least coefficient of the fingertip that explains what it held in drags and scrapes."""
 
 
 def estimate_friction_and_mass(
     every: Sequence[ForceReading], believed: NominalContact, slid: Sequence[TapSlide] = ()
 ) -> ContactForceResult:
-    """Of readings: see `weigh`; slid: of objects that were tapped."""
+    """From readings of forces and from slides of objects that were tapped."""
     led = tuple(r for r in every if r.kind != "scrape" and r.follows >= FORCE.follows)
     if len(led) < 3:
         return ContactForceResult(
@@ -75,11 +71,11 @@ def estimate_friction_and_mass(
     covariance = np.maximum(1.0, jackknife_factor(led, believed, covariance)) * covariance
     value, covariance = value - [FORCE.law[0], 0.0], covariance + np.diag([FORCE.law[1] ** 2, 0.0])
     value, covariance = _with_finger(value, covariance, every, believed)
-    explained = compare_hypotheses(_measured(value, covariance))
+    comparison = compare_hypotheses(_measured(value, covariance))
     held = [
         (r.force - r.deviation) / (r.normal + r.normal_deviation) for r in every if r.kind == "scrape" or _is_led(r)
     ]
-    before, after = _held_out(led, believed, {one.effect for one in explained.named})
+    before, after = _held_out(led, believed, {one.hypotheses[0].name for one in comparison.findings})
     told = dict(
         readings=led,
         misfit=misfit,
@@ -88,13 +84,16 @@ def estimate_friction_and_mass(
         measured=_sizes(value, covariance, believed),
         least_finger=max(held, default=None),
     )
-    if doubt := find_external_pull(led, believed) or find_external_press(told["measured"], slid):
-        return ContactForceResult("unexplained", explained, doubt=doubt, **told)
+    if reason := find_external_pull(led, believed) or find_external_press(told["measured"], slid):
+        return ContactForceResult("unexplained", comparison, abstention_reason=reason, **told)
     if misfit > FORCE.misfit:
         return ContactForceResult(
-            "unexplained", explained, doubt=f"forces are {misfit:.1f} times as far off as they usually are", **told
+            "unexplained",
+            comparison,
+            abstention_reason=f"forces are {misfit:.1f} times as far off as they usually are",
+            **told,
         )
-    return ContactForceResult(explained.verdict, explained, **told)
+    return ContactForceResult(comparison.verdict, comparison, **told)
 
 
 def _with_finger(

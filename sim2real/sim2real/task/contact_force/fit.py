@@ -21,15 +21,18 @@ TAILS = 1.5  # deviations from which on a reading counts less: now and then the 
 
 @dataclass(frozen=True)
 class NominalContact:
-    """Coefficient of the object with the table, its mass kg, and the coefficient with a fingertip."""
+    """Nominal friction and mass."""
 
     table: float
+    """Coefficient of friction of the object with the table."""
     mass: float
+    """Mass kg of the object."""
     finger: float
+    """Coefficient of friction of the object with a fingertip."""
 
     @classmethod
     def of(cls, domain: Domain) -> NominalContact:
-        """What a domain says."""
+        """The nominal contact of a domain."""
         contact = contact_of(domain, domain.contact)
         return cls(contact.table, domain.mass, contact.finger)
 

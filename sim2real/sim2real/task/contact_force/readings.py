@@ -29,22 +29,30 @@ AROUND = 0.06, 0.2  # s before a stroke and after it, between which the object i
 
 @dataclass(frozen=True, eq=False)
 class ForceReading:
-    """kind: drag, push or scrape. group: readings of the same arm's errors: strokes of drags, or pushes one way. force N: along the table
-    against the motion (drag, push), or up the face (scrape). normal N: what presses the surfaces together besides weight. aside m: of a
-    push, from the object's centre. deviation, normal_deviation N: of force and normal, by their scatter and by friction of the joints.
-    follows: of a drag, by which share of the tip's way the object is seen to be led. way: of a drag or push, its direction in the base frame; place m: of the object, halfway."""
+    """The contact force of a stroke, a push or a scrape."""
 
     experiment: str
+    """Experiment."""
     kind: str
+    """drag, push or scrape."""
     force: float
+    """Force N along the table against the motion (drag, push), or up the face (scrape)."""
     normal: float
+    """Normal force N between the surfaces, besides the weight."""
     aside: float
+    """Distance m of a push from the object's centre."""
     deviation: float
+    """Standard deviation N of the force, from scatter and joint friction."""
     group: str = ""
+    """Readings with the same error of the arm: strokes of drags, or pushes in one direction."""
     normal_deviation: float = 0.0
+    """Standard deviation N of the normal force."""
     follows: float = 1.0
+    """Share of the tip's path that the object follows in a drag."""
     way: tuple[float, float] = (0.0, 0.0)
+    """Direction of a drag or push in the base frame."""
     place: tuple[float, float] = (0.0, 0.0)
+    """Position m of the object, halfway."""
 
 
 def read_forces(recording: TaskRecording, panda: PandaModel = NOMINAL, camera: Camera = CAMERA) -> list[ForceReading]:

@@ -29,12 +29,16 @@ SLIDE = THRESHOLDS.tapping
 
 @dataclass(frozen=True, eq=False)
 class TapSlide:
-    """A tap. along (n,) m, speed (n,) m/s: the tip's way in the direction of the tap; rested m: where on it the object's face came to rest."""
+    """A tap, and where the object came to rest."""
 
     name: str
+    """Experiment."""
     along: np.ndarray
+    """Path (n,) m of the tip in the direction of the tap."""
     speed: np.ndarray
+    """Speed (n,) m/s of the tip."""
     rested: float
+    """Position m of the object's face at rest, on that path."""
 
     def short(self, slows: float) -> float:
         """m by which the object came to rest sooner than friction of `fit_deceleration` m/s^2 has it."""
@@ -64,10 +68,10 @@ def _slides(recording: TaskRecording, meeting: HandEyeOffset, camera: Camera) ->
         ahead = (tip[down[np.linalg.norm((tip[down] - tip[begin])[:, :2], axis=1).argmax()]] - tip[begin]) * (1, 1, 0)
         ahead /= max(float(np.linalg.norm(ahead)), 1e-6)
         try:
-            lain = RestingObject.of(recording.domain, pose_between(recording, time[end], time[-1], camera))
+            resting = RestingObject.of(recording.domain, pose_between(recording, time[end], time[-1], camera))
         except ContractViolation:
             continue
-        normal, distance = min(lain.sides(), key=lambda one: float(one[0] @ ahead[:2]))
+        normal, distance = min(resting.sides(), key=lambda one: float(one[0] @ ahead[:2]))
         square = -float(normal @ ahead[:2])
         if square < SLIDE.square:
             continue
@@ -76,5 +80,5 @@ def _slides(recording: TaskRecording, meeting: HandEyeOffset, camera: Camera) ->
         speed = np.maximum(np.gradient(along, time[begin:end]), 0.0)
         # The face along the tip's line, where the hand would meet it.
         lead = edge[along.argmax()]
-        met = distance + meeting.off(normal) - float((lead[:2] - lain.centre[:2]) @ normal)
+        met = distance + meeting.off(normal) - float((lead[:2] - resting.centre[:2]) @ normal)
         yield TapSlide(name, along, speed, float(lead @ ahead) - met / square)

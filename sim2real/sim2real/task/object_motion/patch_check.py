@@ -17,11 +17,12 @@ from sim2real.task.suite.recording import TaskRecording
 
 @dataclass(frozen=True)
 class CheckedPatch:
-    """patch: what is given; withheld: of each effect that is not, the share of the error of the motion that it removed: all below 0, and surely,
-    or that of most windows surely."""
+    """A patch without the effects that surely make the object's motion worse."""
 
     patch: Patch
-    withheld: dict[str, ValueWithInterval]
+    """Effects that remain."""
+    withheld: dict[str, Value]
+    """Share of the motion error that each withheld effect removes, below 0."""
 
 
 def withhold_harmful_effects(

@@ -22,16 +22,20 @@ MOTION = THRESHOLDS.motion
 
 @dataclass(frozen=True)
 class MotionPrediction:
-    """px by which corners are seen off, mean over windows: before, as believed; after, with the patch. removed: share of the error that the
-    patch removes, below 0 where it does harm, with its interval over windows; by_effect: how much of that is missing without each.
-    held_out: whether no stage has heard the recordings that it is of."""
+    """Error of the predicted motion of the object, without a patch and with it."""
 
     before: float
+    """Mean error px of corners over windows, nominal."""
     after: float
+    """The same with the patch."""
     windows: int
-    removed: ValueWithInterval
+    """Windows that were predicted."""
+    removed: Value
+    """Share of the error that the patch removes; negative where it does harm."""
     by_effect: dict[str, float]
+    """Share that is lost without each effect."""
     held_out: bool = False
+    """Whether no stage has used these recordings."""
 
 
 def prediction_errors(

@@ -18,13 +18,18 @@ FAMILIES = ("drag", "push", "shove", "tap")
 
 @dataclass(frozen=True, eq=False)
 class MotionWindow:
-    """experiment: that it is of. rested: s of the log from which on the object rests, until `begin`; end: s, when it rests again."""
+    """The object's motion from rest to rest."""
 
     recording: TaskRecording
+    """Recording."""
     experiment: str
+    """Experiment."""
     rested: float
+    """Time s of the log from which the object rests, until `begin`."""
     begin: float
+    """Time s at which the tip comes down."""
     end: float
+    """Time s at which the object rests again."""
 
     @property
     def rows(self) -> slice:

@@ -15,9 +15,10 @@ from np_description.camera import Camera
 from sim2real.task.camera.fit import evaluate_at
 from sim2real.task.camera.model import HEIGHT, SHIFT, TURN, CameraScene
 from sim2real.task.camera.parameters import COUNT
+from sim2real.task.hypotheses import INDISTINGUISHABLE_LOG_BAYES_FACTOR
 from sim2real.thresholds import THRESHOLDS
 
-VIEW, SCATTER = THRESHOLDS.view_change, THRESHOLDS.view_fit.scatter[0]
+SCATTER = THRESHOLDS.view_fit.scatter[0]
 STEP, ROUNDS = 1e-4, 5  # rad of a derivative; of Newton: the picture is nearly a plane
 
 
@@ -37,7 +38,7 @@ def prefer_rotation_over_translation(
     elsewhere[HEIGHT] = looking[HEIGHT] = lift
     moved = poses - np.array([*off, 0.0])
     by_place, by_turn = (evaluate_at(scene, vector, moved, SCATTER).cost for vector in (elsewhere, looking))
-    return turn if by_place - by_turn > VIEW.equal else None
+    return turn if by_place - by_turn > INDISTINGUISHABLE_LOG_BAYES_FACTOR else None
 
 
 def _turn(camera: Camera, place: np.ndarray, off: np.ndarray) -> np.ndarray:

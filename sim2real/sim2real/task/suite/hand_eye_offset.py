@@ -29,24 +29,32 @@ EFFECTS = {"picture": ("x", "y")}
 
 @dataclass(frozen=True, eq=False)
 class FaceContact:
-    """A face. normal (2,): outwards; gap m: from where the face is seen to the tip that rests on it."""
+    """A face of the object on which the tip rests."""
 
     name: str
+    """Experiment."""
     normal: np.ndarray
+    """Outward normal (2,)."""
     gap: float
+    """Distance m from where the face is seen to the tip."""
 
 
 @dataclass(frozen=True, eq=False)
 class HandEyeOffset:
-    """verdict: as of Explained, or unexplained; doubt: why nothing is said. faces: that were met. left: m, root mean square that no
-    explanation takes off; numbers (3,): m, as of NUMBERS, what is most probable of them."""
+    """By how much the picture is off where the hand touches the object."""
 
     verdict: str
-    explained: HypothesisComparison | None
+    """no_gap, identified, ambiguous, unexplained or undetermined."""
+    comparison: HypothesisComparison | None
+    """Hypotheses for the offset; None where the stage abstains."""
     faces: tuple[FaceContact, ...]
-    doubt: str = ""
-    left: float | None = None
+    """Faces that were touched."""
+    abstention_reason: str = ""
+    """Why the stage abstains."""
+    residual: float | None = None
+    """Root mean square m that no hypothesis explains."""
     numbers: np.ndarray | None = None
+    """Most probable values (3,) m of NUMBERS."""
 
     def off(self, normal: np.ndarray) -> float:
         """m by which a face with an outward normal (2,) is met farther out than it is seen."""
@@ -70,32 +78,32 @@ def offset_from_faces(faces: tuple[FaceContact, ...]) -> HandEyeOffset:
     before = np.diag(1 / (usual**2 + gap**2))
     precision = columns.T @ columns / MEET.face**2
     value = np.linalg.solve(precision + before, columns.T @ gaps / MEET.face**2)
-    left = float(np.sqrt(np.mean((gaps - columns @ value) ** 2)))
-    if left > MEET.left:
+    residual = float(np.sqrt(np.mean((gaps - columns @ value) ** 2)))
+    if residual > MEET.left:
         return HandEyeOffset(
-            "unexplained", None, faces, f"faces are met {1e3 * left:.1f} mm off any place and size", left
+            "unexplained", None, faces, f"faces are met {1e3 * residual:.1f} mm off any place and size", residual
         )
     # Of numbers that no face narrows, what was measured is nothing at all: a little of what is known beforehand keeps it finite.
     inverse = np.linalg.inv(precision + 1e-6 * before)
-    covariance = inverse * max(1.0, (left / MEET.face) ** 2) + np.diag([MEET.common**2, MEET.common**2, 0.0])
+    covariance = inverse * max(1.0, (residual / MEET.face) ** 2) + np.diag([MEET.common**2, MEET.common**2, 0.0])
     measured = MeasuredChanges(NUMBERS, inverse @ columns.T @ gaps / MEET.face**2, covariance, usual, gap, EFFECTS)
-    explained = compare_hypotheses(measured)
-    is_blind = not explained.named and len(explained.unseen) == 2
-    doubt = "faces were met from too few sides" if is_blind else ""
-    return HandEyeOffset("undetermined" if is_blind else explained.verdict, explained, faces, doubt, left, value)
+    comparison = compare_hypotheses(measured)
+    is_blind = not comparison.findings and len(comparison.unidentifiable) == 2
+    reason = "faces were met from too few sides" if is_blind else ""
+    return HandEyeOffset("undetermined" if is_blind else comparison.verdict, comparison, faces, reason, residual, value)
 
 
 def _met(recording: TaskRecording, name: str, camera: Camera) -> FaceContact | None:
     """The face on which the tip of a push rests in the end; None where it does not, or is not seen."""
-    rest = find_push_end(recording, name, camera)
-    if rest is None:
+    end = find_push_end(recording, name, camera)
+    if end is None:
         return None
-    lain = RestingObject.of(recording.domain, rest.pose)
-    outward = [(float(normal @ rest.ahead[:2]), normal, distance) for normal, distance in lain.sides()]
+    resting = RestingObject.of(recording.domain, end.pose)
+    outward = [(float(normal @ end.ahead[:2]), normal, distance) for normal, distance in resting.sides()]
     along, normal, distance = min(outward, key=lambda one: one[0])
     if -along < MEET.square:
         return None
-    position, turn = forward_kinematics(recording.log.position[rest.rows])
+    position, turn = forward_kinematics(recording.log.position[end.rows])
     tip = position + turn @ np.array([0.0, 0.0, BEYOND])
-    point = leading_corner(rest.ahead, turn, tip).mean(axis=0)[:2]
-    return FaceContact(name, normal, float((point - lain.centre[:2]) @ normal - distance))
+    point = leading_corner(end.ahead, turn, tip).mean(axis=0)[:2]
+    return FaceContact(name, normal, float((point - resting.centre[:2]) @ normal - distance))

@@ -25,12 +25,14 @@ FIRST = 1.0  # s, of images that tell how the object lies
 
 @dataclass(frozen=True, eq=False)
 class HandTrajectory:
-    """The hand's way beside the object. time (n,) s of the log; is_near (n,): whether it may touch the object; speed (n,) m/s of the tip along the
-    table."""
+    """When the hand may touch the object."""
 
     time: np.ndarray
+    """Times (n,) s of the log."""
     is_near: np.ndarray
+    """Whether (n,) the hand may touch the object."""
     speed: np.ndarray
+    """Speed (n,) m/s of the tip along the table."""
 
     @property
     def touching(self) -> list[tuple[float, float]]:
@@ -57,14 +59,14 @@ def hand_trajectory(recording: TaskRecording, camera: Camera = CAMERA, lift: flo
     Raises ContractViolation where the object is not seen at first.
     """
     log, begin = recording.log, recording.seen_from
-    lain = RestingObject.of(recording.domain, pose_between(recording, begin, begin + FIRST, camera))
+    resting = RestingObject.of(recording.domain, pose_between(recording, begin, begin + FIRST, camera))
     rows = slice(None, None, max(1, round(1 / RATE / float(np.median(np.diff(log.time))))))
     time, (position, turn) = log.time[rows], forward_kinematics(log.position[rows])
-    seen, middle = _middles(recording, camera, lain.height / 2)
+    seen, middle = _middles(recording, camera, resting.height / 2)
     away = np.hypot(*(position[:, axis] - np.interp(time, seen, middle[:, axis]) for axis in range(2)))
-    low = lowest_corner(position, turn)[:, 2] < lift + lain.height + UNTOUCHED.above
+    low = lowest_corner(position, turn)[:, 2] < lift + resting.height + UNTOUCHED.above
     along = np.gradient(position[:, :2], time, axis=0)
-    return HandTrajectory(time, low & (away < lain.reach + RADIUS + UNTOUCHED.beside), np.hypot(*along.T))
+    return HandTrajectory(time, low & (away < resting.reach + RADIUS + UNTOUCHED.beside), np.hypot(*along.T))
 
 
 def mask_touched_images(recording: TaskRecording, camera: Camera = CAMERA) -> KeypointTrack:

@@ -17,37 +17,41 @@ from scipy.optimize import least_squares
 from np_description.camera import CAMERA, Camera
 from sim2real.effects.sentences import ValueWithInterval
 from sim2real.excitation.contact_suite.tip import RADIUS
+from sim2real.task.hypotheses import NORMAL_95
 from sim2real.task.suite.oscillating_push import apply_play, find_oscillating_pushes
 from sim2real.task.suite.pushed_object import PushedObject, find_push_end, mean_image_row, track_displacement
 from sim2real.task.suite.recording import TaskRecording
 from sim2real.thresholds import THRESHOLDS
 
 LAG = THRESHOLDS.lag
-HALF_WIDTH = 1.959964
 
 
 @dataclass(frozen=True, eq=False)
 class ImageLatency:
-    """verdict: no_gap, ambiguous (an image that is late is a camera's clock that is behind), undetermined. late: s with its interval, None
-    where nothing is said; each (k,) s: of every push; doubt: why nothing is said. pushes: what it rests on."""
+    """By how much images are late."""
 
     verdict: str
-    late: ValueWithInterval | None
+    """no_gap, ambiguous (a late image looks like a camera clock that is behind) or undetermined."""
+    late: Value | None
+    """Latency s with its 95 % interval; None where the stage abstains."""
     each: tuple[float, ...]
+    """Latency s of every push."""
     pushes: tuple[PushedObject, ...]
-    doubt: str = ""
+    """Pushes that the estimate rests on."""
+    abstention_reason: str = ""
+    """Why the stage abstains."""
 
 
 def estimate_image_latency(recording: TaskRecording, camera: Camera = CAMERA) -> ImageLatency:
-    """Of the slow pushes and shoves of a recording, and of an object that is swayed."""
+    """From the slow pushes and shoves of a recording, and from oscillating pushes."""
     names = [name for family in ("push", "shove") for name in recording.named(family)]
     pushes = tuple(one for name in names if (one := _led(recording, name, camera)))
     return latency_from_pushes(pushes + find_oscillating_pushes(recording, camera))
 
 
 def latency_from_pushes(pushes: tuple[PushedObject, ...]) -> ImageLatency:
-    """Of pushes: see `estimate_image_latency`. The mean of what each says, fast ones more than slow ones; its error by theirs, or by their scatter where that is
-    larger, and what all pushes have in common."""
+    """The weighted mean over pushes. Its error follows from theirs, or from their scatter where that is larger, and from what all have in
+    common."""
     fits = [_late(one) for one in pushes]
     good = [(fit, one) for fit, one in zip(fits, pushes) if fit[2] < LAG.left and abs(fit[0]) < 0.99 * LAG.within]
     each, kept = tuple(late for (late, _, _), _ in good), tuple(one for _, one in good)
@@ -63,7 +67,7 @@ def latency_from_pushes(pushes: tuple[PushedObject, ...]) -> ImageLatency:
     rows = np.array([one.row for one in kept])
     value, own = _middle(np.array(each), deviations, rows)
     deviation = float(np.hypot(own, LAG.common))
-    late = ValueWithInterval(value, value - HALF_WIDTH * deviation, value + HALF_WIDTH * deviation)
+    late = Value(value, value - NORMAL_95 * deviation, value + NORMAL_95 * deviation)
     return ImageLatency("ambiguous" if late.low > LAG.seen or late.high < -LAG.seen else "no_gap", late, each, kept)
 
 

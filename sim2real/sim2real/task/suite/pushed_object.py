@@ -1,4 +1,4 @@
-"""An object that is led by the tip: the end of a push, where the tip rests at the farthest of its way and the object against it, and the way there."""
+"""An object that the tip pushes: its path, and the end of the push, where the tip rests against it."""
 
 from __future__ import annotations
 
@@ -22,22 +22,30 @@ STEP = 1e-4  # m, rad, of a derivative
 
 @dataclass(frozen=True, eq=False)
 class PushEnd:
-    """ahead (3,): the push's direction. begin, stop, leaves: s at which the tip is down, has arrived, and leaves. rows: of the log, in which it
-    rests; time (n,) s and tip (n, 3) m: the way of T_E in the whole experiment; at (3,) m: its mean at rest. pose: of the object then."""
+    """The tip at rest at the end of a push, against the object."""
 
     ahead: np.ndarray
+    """Direction (3,) of the push."""
     begin: float
+    """Time s at which the tip is down."""
     stop: float
+    """Time s at which the tip has arrived."""
     leaves: float
+    """Time s at which the tip leaves."""
     rows: np.ndarray
+    """Rows of the log in which the tip rests."""
     time: np.ndarray
+    """Times (n,) s of the whole experiment."""
     tip: np.ndarray
+    """Path (n, 3) m of T_E."""
     at: np.ndarray
+    """Mean position (3,) m of T_E at rest."""
     pose: Pose
+    """Pose of the object then."""
 
 
 def find_push_end(recording: TaskRecording, name: str, camera: Camera = CAMERA) -> PushEnd | None:
-    """Of a push; None where the object is not seen then."""
+    """The end of a push; None where the object is not seen then."""
     log, rows = recording.log, recording.rows(name)
     time, tip = log.time[rows], forward_kinematics(log.position[rows])[0]
     low = tip[:, 2] < tip[:, 2].min() + LAG.down
@@ -57,28 +65,32 @@ def find_push_end(recording: TaskRecording, name: str, camera: Camera = CAMERA) 
 
 @dataclass(frozen=True, eq=False)
 class PushedObject:
-    """A push. time (n,) s of images; way (n,) m of the place that the tip touches, along the
-    push, from where it came to rest; at (m,) s and tip (m,) m: the tip's way,
-    from where that came to rest. row: where in the picture it is seen meanwhile, as a share of the picture's height below its middle; periods:
-    of a sway, whose object may stay behind where the tip turns back; 0 of a push. counts: for how many pushes it does."""
+    """The path of an object that the tip pushes, beside the path of the tip."""
 
     name: str
+    """Experiment."""
     time: np.ndarray
+    """Times (n,) s of the images."""
     way: np.ndarray
+    """Position (n,) m of the touched place along the push, from where it came to rest."""
     at: np.ndarray
+    """Times (m,) s of the tip's path."""
     tip: np.ndarray
+    """Position (m,) m of the tip along the push, from where it came to rest."""
     row: float = 0.0
+    """Image row of the object, as a share of the image height below its middle."""
     periods: int = 0
+    """Periods of an oscillating push, whose object may stay behind where the tip turns back; 0 for a plain push."""
 
     @property
     def counts(self) -> int:
-        """As many as it has periods, or one."""
+        """Pushes that it counts as: its periods, or one."""
         return max(self.periods, 1)
 
 
 def track_displacement(recording: TaskRecording, images: np.ndarray, rest: Pose, ahead: np.ndarray, camera: Camera):
-    """m (n,) by which the object is along `ahead` (3,) from where it rests, and rad (n,) by which it is turned, by the corners of each
-    image; NaN where too few are usable."""
+    """Displacement (n,) m of the object along `ahead` (3,) from its rest pose and rotation (n,) rad, from the corners of each image; NaN where
+    too few are usable."""
     half = np.asarray(recording.domain.half_size)
     across, found = np.array([-ahead[1], ahead[0], 0.0]), np.full((len(images), 2), np.nan)
 
@@ -109,6 +121,6 @@ def track_displacement(recording: TaskRecording, images: np.ndarray, rest: Pose,
 
 
 def mean_image_row(recording: TaskRecording, images: np.ndarray, camera: Camera) -> float:
-    """Where in the picture the object is seen in images, as a share of the picture's height below its middle."""
+    """Mean image row of the object, as a share of the image height below the middle."""
     track = recording.track
     return float(track.pixels[images][track.usable[images]][:, 1].mean() - camera.cy) / camera.height

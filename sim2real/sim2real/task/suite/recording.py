@@ -17,14 +17,18 @@ from sim2real.task.keypoint_track import KeypointTrack, read_keypoint_track
 
 @dataclass(frozen=True, eq=False)
 class TaskRecording:
-    """log: of the joints; track: keypoints, whose time 0 is at `seen_from` s of the log's; domain: what is believed of the object, its
-    surroundings and contacts. spans: (begin, end) s of each experiment by name."""
+    """A recording of the task suite."""
 
     log: Log
+    """Joints."""
     track: KeypointTrack
+    """Keypoints; their time 0 is at `seen_from` of the log."""
     seen_from: float
+    """Time s of the first image in the log."""
     domain: Domain
+    """Nominal object, surroundings and contacts."""
     spans: dict[str, tuple[float, float]]
+    """(begin, end) s of each experiment by name."""
 
     def named(self, family: str) -> list[str]:
         """Names of the experiments of a family that were made, in order."""

@@ -12,8 +12,7 @@ from scipy.ndimage import median_filter
 
 from np_description.camera import CAMERA, Camera
 from sim2real.recordings.reading import ContractViolation
-from sim2real.task.keypoint_noise import KeypointNoise
-from sim2real.task.noise_effects import visible_noise_effects
+from sim2real.task.keypoint_noise import KeypointNoise, visible_noise_effects
 from sim2real.task.suite.hand_proximity import HandTrajectory, hand_trajectory, interpolate_hidden
 from sim2real.task.suite.noise_stationarity import noise_variation_factor
 from sim2real.task.suite.recording import TaskRecording
@@ -26,19 +25,22 @@ NOISE = {"keypoint_noise", "keypoint_outliers"}
 
 @dataclass(frozen=True)
 class StaticSceneCheck:
-    """verdict: no_gap or unexplained; moved: px, the largest way of the picture while nothing touched the object, or the largest step from one
-    image to the next where the hand is slow; at: s of the recording; doubt: what was seen, where nothing explains it."""
+    """Whether the picture keeps still while nothing touches the object."""
 
     verdict: str
+    """no_gap or unexplained."""
     moved: float
+    """Largest displacement px of the picture while nothing touches the object, or largest step between images while the hand is slow."""
     at: float
-    doubt: str = ""
+    """Time s of the recording."""
+    abstention_reason: str = ""
+    """What was seen, where nothing explains it."""
 
 
 def check_static_scene(
     recording: TaskRecording, camera: Camera = CAMERA, lift: float = 0.0, scatter: KeypointNoise | None = None
 ) -> StaticSceneCheck:
-    """Of a recording of the task suite. camera, lift: as of `near.hand`; scatter: of its corners: what noise that is named makes of a picture
+    """Of a recording of the task suite. camera, lift: as of `hand_proximity.hand_trajectory`; scatter: of its corners: what noise that is named makes of a picture
     that keeps still is no motion. Raises ContractViolation where the hand is at the object all the time."""
     own = hand_trajectory(recording, camera, lift)
     free = list(_between(recording, own))
@@ -48,17 +50,17 @@ def check_static_scene(
     moved, at, _ = max(ways)
     noise = float(np.median([noise for _, _, noise in ways]))
     if moved > max(UNTOUCHED.moved, UNTOUCHED.surely * noise):
-        doubt = f"the picture moves by {moved:.1f} px at {at:.0f} s, while nothing touches the object"
-        return StaticSceneCheck("unexplained", moved, at, doubt)
+        reason = f"the picture moves by {moved:.1f} px at {at:.0f} s, while nothing touches the object"
+        return StaticSceneCheck("unexplained", moved, at, reason)
     is_noisy = scatter is not None and bool(visible_noise_effects(scatter).keys() & NOISE)
     step, when, usual, by_chance = _step(recording, own, is_noisy)
     if step > max(UNTOUCHED.step, UNTOUCHED.surely * usual, by_chance):
-        doubt = f"the picture jumps by {step:.1f} px at {when:.0f} s, faster than the hand moves the object"
-        return StaticSceneCheck("unexplained", step, when, doubt)
+        reason = f"the picture jumps by {step:.1f} px at {when:.0f} s, faster than the hand moves the object"
+        return StaticSceneCheck("unexplained", step, when, reason)
     factor = noise_variation_factor(recording.track, [_images(recording, begin, end) for begin, end in free])
     if factor > UNTOUCHED.uneven:
-        doubt = f"corners of an object at rest scatter by {factor:.1f} times more or less from moment to moment: light or exposure changes"
-        return StaticSceneCheck("unexplained", moved, at, doubt)
+        reason = f"corners of an object at rest scatter by {factor:.1f} times more or less from moment to moment: light or exposure changes"
+        return StaticSceneCheck("unexplained", moved, at, reason)
     return StaticSceneCheck("no_gap", moved, at)
 
 

@@ -22,23 +22,28 @@ ALL = ("height", "tilt_x", "tilt_y", "size")
 
 @dataclass(frozen=True, eq=False)
 class SurfaceContactResult:
-    """verdict: as of Explained, or unexplained; doubt: why nothing is said. touches: surfaces that were felt. off: m, root mean square by
-    which they are elsewhere than believed; before, after: the same of each touch of the table when the others tell where it is, without and
-    with what is named; None where there are too few."""
+    """Table and object as the hand touched them."""
 
     verdict: str
-    explained: HypothesisComparison | None
+    """no_gap, identified, ambiguous, unexplained or undetermined."""
+    comparison: HypothesisComparison | None
+    """Hypotheses for the heights; None where the stage abstains."""
     touches: tuple[Touch, ...]
-    doubt: str = ""
+    """Surfaces that were touched."""
+    abstention_reason: str = ""
+    """Why the stage abstains."""
     off: float | None = None
+    """Root mean square m from the nominal table."""
     before: float | None = None
+    """Root mean square m of each touch of the table as nominal, where the others estimate the table; None for too few."""
     after: float | None = None
+    """The same with the findings."""
 
     @property
     def lift(self) -> float:
-        """m by which the table is higher than believed, where that is named."""
-        named = self.explained.named if self.explained else ()
-        return sum(one.sizes["height"].value for one in named if one.effect == "table_height")
+        """m by which the table is higher than nominal, where that is found."""
+        best = (one.hypotheses[0] for one in (self.comparison.findings if self.comparison else ()))
+        return sum(one.estimates["height"].value for one in best if one.name == "table_height")
 
 
 def estimate_surfaces(recording: TaskRecording, panda: PandaModel = NOMINAL) -> SurfaceContactResult:
@@ -51,16 +56,16 @@ def estimate_surfaces(recording: TaskRecording, panda: PandaModel = NOMINAL) -> 
             "undetermined", None, every, f"{len(tables)} touches of the table met it; 3 are needed, better 4"
         )
     plane = _plane(tables)
-    left = np.array([t.height for t in tables]) - _columns(tables) @ plane
+    residual = np.array([t.height for t in tables]) - _columns(tables) @ plane
     off = float(np.sqrt(np.mean([t.height**2 for t in tables])))
-    if np.abs(left).max() > TOUCH.agreed:
+    if np.abs(residual).max() > TOUCH.agreed:
         return SurfaceContactResult(
-            "unexplained", None, every, f"touched places are {1e3 * np.abs(left).max():.1f} mm off any plane", off
+            "unexplained", None, every, f"touched places are {1e3 * np.abs(residual).max():.1f} mm off any plane", off
         )
-    explained = compare_hypotheses(_measured(recording, tables, tops))
-    named = {one.effect for one in explained.named}
-    before, after = _held_out(tables, named)
-    return SurfaceContactResult(explained.verdict, explained, every, "", off, before, after)
+    comparison = compare_hypotheses(_measured(recording, tables, tops))
+    found = {one.hypotheses[0].name for one in comparison.findings}
+    before, after = _held_out(tables, found)
+    return SurfaceContactResult(comparison.verdict, comparison, every, "", off, before, after)
 
 
 def _columns(touches) -> np.ndarray:
@@ -97,11 +102,11 @@ def _upright(recording: TaskRecording) -> float:
     return RestingObject.of(recording.domain, pose_at_start(recording, recording.named("touch_object")[0])).height
 
 
-def _held_out(tables, named: set[str]) -> tuple[float, float] | tuple[None, None]:
+def _held_out(tables, found: set[str]) -> tuple[float, float] | tuple[None, None]:
     """Root mean square (m) by which a touch is off when the others say where the table is: by what is believed, and with what is named."""
     if len(tables) < 4:
         return None, None
-    free = [k for k, effect in ((0, "table_height"), (1, "table_tilt"), (2, "table_tilt")) if effect in named]
+    free = [k for k, effect in ((0, "table_height"), (1, "table_tilt"), (2, "table_tilt")) if effect in found]
     before, after = [], []
     for n, one in enumerate(tables):
         others = tables[:n] + tables[n + 1 :]

@@ -19,16 +19,22 @@ ABOVE = 0.004  # m over the lowest point, from which on nothing is touched yet
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """A surface. place (2,) m where it was touched; height m, with its standard deviation by scatter; compliance m/N; force N, the
-    largest. course (n, 2): height m and upward force N of the tip near it."""
+    """A surface that stopped the tip."""
 
     name: str
+    """Experiment."""
     place: np.ndarray
+    """Touched place (2,) m."""
     height: float
+    """Height m of the surface."""
     deviation: float
+    """Standard deviation m of the height, from scatter."""
     compliance: float
+    """Compliance m/N of arm and surface."""
     force: float
+    """Largest force N."""
     course: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    """Height m and upward force N (n, 2) of the tip near the surface."""
 
 
 def find_touch(recording: TaskRecording, name: str, panda: PandaModel = NOMINAL) -> Touch | None:

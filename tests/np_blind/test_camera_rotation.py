@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.effects.sentences import ValueWithInterval
+from sim2real.effects.saying import Value
+from sim2real.effects.view_effects import ViewEffects
+from sim2real.report.task_sentences import hypothesis_text
 from sim2real.task.camera.flat_pose import fit_flat_pose
 from sim2real.task.camera.model import make_scene
 from sim2real.task.findings import hand_eye_offset_findings
-from sim2real.task.hypotheses import HypothesisComparison
-from sim2real.task.hypotheses import Named as Felt
+from sim2real.task.hypotheses import Finding, Hypothesis, HypothesisComparison
 from sim2real.task.suite.camera_rotation import prefer_rotation_over_translation
 from sim2real.task.suite.hand_eye_offset import HandEyeOffset
 
@@ -40,11 +41,13 @@ def test_a_camera_that_is_turned_is_told_from_one_that_stands_elsewhere(seed):
 
 
 def test_what_corners_tell_comes_first_and_the_patch_has_it():
-    off = {"x": ValueWithInterval(-0.011, -0.012, -0.010), "y": ValueWithInterval(0.010, 0.009, 0.011)}
-    named = HypothesisComparison("ambiguous", (Felt("picture", off, 9.0, {}),), {}, ())
+    off = {"x": Value(-0.011, -0.012, -0.010), "y": Value(0.010, 0.009, 0.011)}
+    named = HypothesisComparison("ambiguous", (Finding((Hypothesis("picture", ("picture",), off),), 9.0),), {}, ())
     met = HandEyeOffset("ambiguous", named, ())
     (place,), (turn,) = hand_eye_offset_findings(met), hand_eye_offset_findings(met, np.array([-0.017, -0.016]))
-    assert place.ways[0].parameters == {"x": 0.011, "y": -0.010}
-    assert turn.ways[0].parameters == {"turn_x": -0.017, "turn_y": -0.016}
-    assert turn.ways[0].said.endswith("by the camera's turn") and turn.ways[1].said == "its place"
-    assert {one for way in turn.ways for one in way.ids} == {one for way in place.ways for one in way.ids}
+    assert place.hypotheses[0].patch == {"x": 0.011, "y": -0.010}
+    assert turn.hypotheses[0].patch == {"turn_x": -0.017, "turn_y": -0.016}
+    texts = [hypothesis_text(turn, way) for way in turn.hypotheses]
+    assert texts[0].endswith("by the camera's turn") and texts[1] == "its place"
+    effects = [{one for way in finding.hypotheses for one in way.effects} for finding in (turn, place)]
+    assert effects[0] == effects[1]
