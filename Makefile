@@ -32,7 +32,7 @@ $(if $(UNUSED),$(error $(UNUSED): `make $(or $(MAKECMDGOALS),help)` has no use f
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
 
-.PHONY: help setup demo test test-slow test-driver driver-report hardware physx meshes lerobot cluster bench soak fuzz blind blind-chain evaluate table3 rehearse train identify docs format lock clean distclean
+.PHONY: help setup demo test test-benchmark test-slow test-driver driver-report hardware physx meshes lerobot cluster bench soak fuzz blind blind-task evaluate table3 rehearse train identify docs format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -80,8 +80,8 @@ blind: setup ## CASES SEED SET=[locked|development][_changes|_six] JOBS CLUSTER:
 	@$(ACTIVATE) exec python -m np_blind.arm.set --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) \
 		$(ON) $(ARGS)
 
-blind-chain: physx ## CASES=16 SEED=1 JOBS CLUSTER ARGS=--seal: what is beside the arm, in PhysX, against sealed cases, as JSON
-	@$(ACTIVATE) exec python -m np_blind.chain.set $(if $(filter-out file,$(origin CASES)),--cases $(CASES)) \
+blind-task: physx ## CASES=16 SEED=1 JOBS CLUSTER ARGS=--seal: what is beside the arm, in PhysX, against sealed cases, as JSON
+	@$(ACTIVATE) exec python -m np_blind.task.set $(if $(filter-out file,$(origin CASES)),--cases $(CASES)) \
 		$(if $(filter-out file,$(origin SEED)),--seed $(SEED)) --jobs $(JOBS) $(ON) $(ARGS)
 
 rehearse: $(if $(filter physx,$(ENGINE)),physx,setup) ## BAG="runs/suite_000 runs/task_000" DOMAIN EPISODES=100 OBJECT SEED JOBS ARGS="--minutes 5": what a gap costs the task, which effect most, trained on with it, judged again; a page
@@ -101,6 +101,9 @@ else
 	@$(ACTIVATE) ruff format --quiet --check . && ruff check --quiet .
 	@$(ACTIVATE) exec tools/test.sh
 endif
+
+test-benchmark: setup ## the tests of the benchmark (benchmark/tests)
+	@$(ACTIVATE) export OMP_NUM_THREADS=1 MUJOCO_GL=disable; exec python -m pytest -n 2 --dist loadfile benchmark/tests $(PYTEST_ARGS)
 
 test-slow: setup ## the slowest tests, which say least beyond those of `make test`
 	@$(ACTIVATE) export OMP_NUM_THREADS=1 MUJOCO_GL=disable; exec python -m pytest -n 2 --dist worksteal -m slow

@@ -25,7 +25,7 @@ def digest(key: str) -> str:
     return hashlib.sha256(key.encode()).hexdigest()
 
 
-def put_down(key: str, path: Path = KEYS) -> str:
+def commit_hash(key: str, path: Path = KEYS) -> str:
     """Put down the hash of a key, once; the hash. Raises SealError where another one stands there."""
     name, found = _name(key), digest(key)
     known = _known(path).get(name)
@@ -37,7 +37,7 @@ def put_down(key: str, path: Path = KEYS) -> str:
     return found
 
 
-def check(key: str, path: Path = KEYS) -> str:
+def check_hash(key: str, path: Path = KEYS) -> str:
     """The hash of a key, which must be the one put down. Raises SealError."""
     name, found = _name(key), digest(key)
     known = _known(path).get(name)
@@ -51,7 +51,7 @@ def check(key: str, path: Path = KEYS) -> str:
     return found
 
 
-def check_doctor(out: Path, is_locked: bool) -> str:
+def check_diagnosis_code(out: Path, is_locked: bool) -> str:
     """SHA-256 over the code of the doctor and of its effects, put down in `out` by the first call.
 
     A run in parts is of one doctor: raises SealError where `out` of a locked set holds answers of another one.

@@ -132,7 +132,7 @@ SLOW = ("rclpy", "rosbags", "matplotlib", "mujoco", "onnxruntime", "torch", "cv2
     "module",
     [
         "np_blind.arm.set",
-        "np_blind.chain.set",
+        "np_blind.task.set",
         "np_evaluation.commands.bench",
         "np_evaluation.commands.calibration_trial",
         "np_evaluation.commands.check_backend",
@@ -191,7 +191,7 @@ def test_no_help_imports_torch_and_what_is_wrong_with_options_is_said_alone():
     from help_times import commands
 
     names = commands()
-    assert {"np_training.train", "np_training.detector.release", "np_blind.chain.set"} < set(names) and len(names) > 60
+    assert {"np_training.train", "np_training.detector.release", "np_blind.task.set"} < set(names) and len(names) > 60
     done = subprocess.run([sys.executable, "-c", ALL.format(names=names)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 

@@ -19,10 +19,10 @@ import numpy as np
 from sim2real.excitation.suite import suite
 
 from np_blind.arm import six_motion
-from np_blind.arm.drawn.cases import SETS, Case, as_it_was, draw_cases, make_physics
-from np_blind.arm.drawn.changes import SECOND_DAY
-from np_blind.arm.drawn.key import make_key
-from np_blind.arm.loop import Targets, make_targets, run_staying
+from np_blind.arm.loop import Targets, make_targets, run_stable_arms
+from np_blind.arm.sampling.cases import SETS, Case, baseline_case, draw_cases, make_physics
+from np_blind.arm.sampling.changes import SECOND_DAY
+from np_blind.arm.sampling.key import make_key
 from np_blind.sealed import digest
 from np_common.cli import Parser, Progress
 from np_common.parallel import HELP, workers
@@ -54,7 +54,7 @@ def make_bags(cases: Sequence[Case], only: Sequence[str], out: Path) -> dict[int
     and leaves the others as they are.
     """
     targets = make_targets(suite(only))
-    before = _record([as_it_was(case) for case in cases if case.day], targets, reference_path, out)
+    before = _record([baseline_case(case) for case in cases if case.day], targets, reference_path, out)
     lost = {number: error for number, error in before.items() if error}
     return lost | _record([case for case in cases if case.number not in lost], targets, bag_path, out)
 
@@ -68,7 +68,7 @@ def _record(cases: Sequence[Case], targets: Targets, path: Callable[[Path, int],
         seeds, paths = [case.noise for case in cases], [path(out, case.number) for case in cases]
         lost = six_motion.record(make_physics(list(cases))[0], seeds, paths)
         return {case.number: _said(lost[arm]) if arm in lost else "" for arm, case in enumerate(cases)}
-    record, staying, lost = run_staying(make_physics(list(cases))[0], targets, [case.noise for case in cases])
+    record, staying, lost = run_stable_arms(make_physics(list(cases))[0], targets, [case.noise for case in cases])
     for row, arm in enumerate(staying):
         case = cases[arm]
         begin = int(np.random.default_rng([*case.seed, 3]).integers(1, 1000)) * 1_000_000_000
@@ -84,7 +84,7 @@ def _said(time: float) -> str:
     return f"no recording: the arm ran away after {time:.3f} s"
 
 
-def shown(path: Path) -> Path:
+def recording_path(path: Path) -> Path:
     """What a doctor is given of a recording's folder: the folder of a bag, else the file in it. Whether it `exists` tells
     whether it is complete."""
     own = path / six_motion.FILE

@@ -13,10 +13,10 @@ import numpy as np
 from sim2real.excitation.suite import READY, Segment, end_of, schedule
 
 from np_blind.arm.plant.blind_arm import PERIOD, Plant
-from np_blind.arm.plant.out_of_catalogue_physics import off_centre, slipped
-from np_blind.arm.plant.out_of_catalogue_wide_physics import shown_speed
 from np_blind.arm.plant.physics import Physics
 from np_blind.arm.plant.rigid_arm import JOINTS
+from np_blind.arm.plant.unknown_fault_physics import eccentric_encoder_error, encoder_slip
+from np_blind.arm.plant.unknown_fault_physics_wide import measured_speed
 from np_control.impedance import lead
 from np_control.impedance import torque as impedance_torque
 from np_control.safety import LIMITS, limit_torque, slew_gains
@@ -167,7 +167,7 @@ def run(
     return record
 
 
-def run_staying(
+def run_stable_arms(
     physics: Physics, targets: Targets, seeds: Sequence[Sequence[int]] | None
 ) -> tuple[Run | None, list[int], dict[int, float]]:
     """(recording of the arms that stay, their rows in `physics`, s after which each other row ran away).
@@ -209,9 +209,9 @@ class Sensors:
         p = self._physics
         q, dq, theta, omega = self._late(plant)
         noise = self._draw()
-        angle, share = off_centre(p, q)
-        angle = angle + slipped(p, plant.time)
-        q, dq = q + p.encoder_bias + angle + ANGLE_NOISE * noise[:, 0], shown_speed(p, dq) * (1.0 + share)
+        angle, share = eccentric_encoder_error(p, q)
+        angle = angle + encoder_slip(p, plant.time)
+        q, dq = q + p.encoder_bias + angle + ANGLE_NOISE * noise[:, 0], measured_speed(p, dq) * (1.0 + share)
         q = np.where(p.quantum > 0, np.round(q / np.maximum(p.quantum, 1e-9)) * p.quantum, q)
         dq = dq + SPEED_NOISE * noise[:, 1]
         keep = np.exp(-PERIOD / COLOUR)

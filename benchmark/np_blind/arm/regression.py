@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from np_blind.arm.judged.scoring import Score, median
+from np_blind.arm.evaluation.scoring import Score, median
 from np_common.cli import Parser
 from np_common.intervals import wilson_interval
 

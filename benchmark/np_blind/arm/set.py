@@ -17,18 +17,18 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from np_blind.arm.drawn.cases import CHANGES, Case, draw_cases
-from np_blind.arm.drawn.key import make_key, seal
+from np_blind.arm.evaluation import baselines as others
+from np_blind.arm.evaluation.dry_run import check_diagnosis_runs
+from np_blind.arm.evaluation.follow_up import could_settle, is_settled
+from np_blind.arm.evaluation.held_out_motion import heldout_gaps
+from np_blind.arm.evaluation.jobs import DiagnosisJob, diagnose_cases, is_diagnosed, report_path
+from np_blind.arm.evaluation.patched_arm import PatchError, patched_physics, read_patch
+from np_blind.arm.evaluation.scoring import Score, score_case, score_gap, summary
+from np_blind.arm.evaluation.tables import failures_table, figures_table, plot
 from np_blind.arm.generate import add_options, batches
-from np_blind.arm.judged import others
-from np_blind.arm.judged.answering import Asking, answer_all, is_answered, report_path
-from np_blind.arm.judged.followup import could_settle, is_settled
-from np_blind.arm.judged.heldout import heldout_gaps
-from np_blind.arm.judged.patched import PatchError, patched_physics, read_patch
-from np_blind.arm.judged.rehearsal import rehearse
-from np_blind.arm.judged.scoring import Score, score_case, score_gap, summary
-from np_blind.arm.judged.tables import failures_table, figures_table, plot
-from np_blind.sealed import SealError, check, check_doctor, digest
+from np_blind.arm.sampling.cases import CHANGES, Case, draw_cases
+from np_blind.arm.sampling.key import make_key, seal
+from np_blind.sealed import SealError, check_diagnosis_code, check_hash, digest
 from np_common.cli import Parser
 from np_common.parallel import workers
 
@@ -104,27 +104,27 @@ def main(arguments: list[str] | None = None) -> int:
             return 0
         key = make_key(options.cases, options.seed, options.which, options.only)
         is_locked = options.which.startswith("locked")
-        sealed = check(key) if is_locked else digest(key)
+        sealed = check_hash(key) if is_locked else digest(key)
         options.out.mkdir(parents=True, exist_ok=True)
-        doctor = check_doctor(options.out, is_locked)
+        doctor = check_diagnosis_code(options.out, is_locked)
         cases = draw_cases(options.cases, options.seed, options.which)
-        asking = Asking(
+        asking = DiagnosisJob(
             options.out.resolve(),
             options.doctor,
             options.timeout,
             options.keep,
             options.identify if options.baselines else "",
         )
-        if is_locked and not all(is_answered(options.out, case.number) for case in cases):
-            rehearse(options.which, options.seed, asking, crew)
-        answer_all(cases, options.only, asking, options.jobs, crew)
+        if is_locked and not all(is_diagnosed(options.out, case.number) for case in cases):
+            check_diagnosis_runs(options.which, options.seed, asking, crew)
+        diagnose_cases(cases, options.only, asking, options.jobs, crew)
         (options.out / "key.json").write_text(key)
         entries = json.loads(key)["cases"]
         with crew(options.jobs) as pool:
             scores = score(cases, entries, options, pool)
             folders = [report_path(options.out, case.number) for case in cases]
             beside = (
-                others.score_others(entries, cases, folders, batches(cases, options.jobs), pool)
+                others.score_baselines(entries, cases, folders, batches(cases, options.jobs), pool)
                 if options.baselines
                 else {}
             )

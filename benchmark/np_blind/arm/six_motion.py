@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from np_blind.arm.drawn.six_hinges import READY, TORQUE_NOISE, chain
 from np_blind.arm.loop import Sensors
 from np_blind.arm.plant.blind_arm import PERIOD, Plant
 from np_blind.arm.plant.physics import Physics
+from np_blind.arm.sampling.six_hinges import READY, TORQUE_NOISE, chain
 
 RUNAWAY = 20.0  # rad/s
 FILE = "recording.npz"

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from sim2real.task.camera.rest_poses import RestPose
 
-from np_blind.camera.film import SIGNS
+from np_blind.camera.simulated_camera import SIGNS
 from np_description.domains import CARD, Domain
 
 MIDDLE = np.array([0.5, 0.0])  # m, about which a table tilts

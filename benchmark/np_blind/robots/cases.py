@@ -118,7 +118,7 @@ class Robot:
         return f"robot_{self.number:02d}"
 
 
-def drawn(number: int, seed: int, attempt: int) -> tuple[str, Callable[[float], Patch]]:
+def draw_robot(number: int, seed: int, attempt: int) -> tuple[str, Callable[[float], Patch]]:
     """Domain of a robot, and the robot with effects of a size: what is drawn at the first attempt, or at a later one. After two attempts it is
     of another kind."""
     rng = np.random.default_rng([seed, number, attempt])

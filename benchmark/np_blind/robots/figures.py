@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.stats import spearmanr
 
-from np_blind.robots.prediction import DRAWS, ENOUGH, predicted
+from np_blind.robots.prediction import DRAWS, ENOUGH, prediction_figures
 from np_common.intervals import wilson_interval
 from np_evaluation.finetune.shares import mean_and_interval
 
@@ -141,7 +141,7 @@ def prediction_of_stages(rows: Sequence[Mapping]) -> dict:
             if told in row.get("success", {}) and row["engine"].get(real)
         ]
         own += [np.array(pairs)] if pairs else []
-    found = predicted(own) if own else {}
+    found = prediction_figures(own) if own else {}
     said = {"r": "r of stages", "mean_absolute_error": "mean error of stages", "mmrv": "MMRV of stages"}
     count = sum(map(len, own))
     return {

@@ -25,10 +25,10 @@ import numpy as np
 import yaml
 from sim2real.effects.patch import load_patch
 
-from np_blind.robots.answering import TASKS, reality_of
 from np_blind.robots.cases import Robot, read_key
+from np_blind.robots.evaluation import TASKS, reality_of
 from np_blind.robots.plot import plot_matrix
-from np_blind.robots.prediction import of_exact, predicted
+from np_blind.robots.prediction import exact_prediction_figures, prediction_figures
 from np_common.cli import INTERRUPTED, Parser, interrupt_on_sigterm
 from np_common.parallel import HELP, SINGLE_THREAD, workers
 from np_description.weights.header import read_metadata
@@ -132,8 +132,8 @@ def figures(table: Sequence[Mapping], episodes: int) -> dict:
     def pairs(side: str) -> list[np.ndarray]:
         return [np.array([(r[side], r["engine"]) for r in table if r["robot"] == robot]) for robot in robots]
 
-    found = {side: predicted(pairs(side)) for side in SIDES[:-1] if all(side in row for row in table)}
-    found["exact"] = of_exact(pairs("patched"), episodes)
+    found = {side: prediction_figures(pairs(side)) for side in SIDES[:-1] if all(side in row for row in table)}
+    found["exact"] = exact_prediction_figures(pairs("patched"), episodes)
     if "patched_score" in found:  # a score is no share of episodes: it ranks
         found["patched_score"] = {k: None if "error" in k else value for k, value in found["patched_score"].items()}
     return {**found, "cells": len(table), "robots": len(robots)}

@@ -24,7 +24,7 @@ def mmrv(predicted: Sequence[float], real: Sequence[float]) -> float:
     return float((np.abs(r[:, None] - r[None]) * violated).max(axis=1).mean())
 
 
-def predicted(own: Sequence[np.ndarray]) -> dict:
+def prediction_figures(own: Sequence[np.ndarray]) -> dict:
     """`r` and `mean_absolute_error` over all pairs, `mmrv` in the mean over robots; where these are enough, `_ci95` of each by the bootstrap over
     robots. own: of each robot (n, 2) success foretold, and measured."""
 
@@ -37,7 +37,7 @@ def predicted(own: Sequence[np.ndarray]) -> dict:
     return found | {f"{name}_ci95": _quantiles(drawn, name, (0.025, 0.975)) for name in found}
 
 
-def of_exact(own: Sequence[np.ndarray], episodes: int) -> dict:
+def exact_prediction_figures(own: Sequence[np.ndarray], episodes: int) -> dict:
     """What these figures would be of a simulator whose rates of success are reality's, by so many episodes a share: medians, and `_ci95` over draws.
 
     Rates are taken to be the means of both columns, and both are drawn anew, each by itself. Such rates hold noise and lie farther apart than true

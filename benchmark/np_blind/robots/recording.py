@@ -18,7 +18,7 @@ from sim2real.task.diagnosis import make_patch as patch_of_chain
 from sim2real.task.object_motion.patch_check import withhold_harmful_effects
 from sim2real.task.suite.recording import TaskRecording
 
-from np_blind.chain.reality import TORQUE_NOISE, Reality
+from np_blind.task.simulated_lab import TORQUE_NOISE, SimulatedLab
 from np_control.controller import Controller
 from np_control.impedance import damping
 from np_control.safety import LIMITS, SafetyFilter
@@ -60,22 +60,22 @@ def record_arm(patch: Patch, seed: int, engine: MakeEngine, only: tuple[str, ...
     return Log("suite", time, q, dq, effort, time - half, False, commands, phases=tuple(phases))
 
 
-def recorded_arm(patch: Patch, seed: int) -> Log:
+def record_arm_physx(patch: Patch, seed: int) -> Log:
     """The excitation suite in PhysX."""
     from np_physx_bridge.engine import PhysxEngine  # where SAPIEN is
 
     return record_arm(patch, seed, PhysxEngine)
 
 
-def recorded_task(patch: Patch, seed: int) -> TaskRecording:
+def record_task_physx(patch: Patch, seed: int) -> TaskRecording:
     """The task suite in PhysX, with the bump's cube, for which it is made, whatever the robot's task is: frictions are changed by shares, of every
     object alike. A robot that presses too hard has it up to there."""
     from np_physx_bridge.engine import PhysxEngine
 
-    return Reality(BUMP, patch, seed, PhysxEngine).run(is_cut=True)
+    return SimulatedLab(BUMP, patch, seed, PhysxEngine).run(is_cut=True)
 
 
-def diagnosis(log: Log | None, tasks: Sequence[TaskRecording]) -> tuple[Patch, dict]:
+def diagnose_robot(log: Log | None, tasks: Sequence[TaskRecording]) -> tuple[Patch, dict]:
     """What the doctor finds in recordings of a robot, of which it is told nothing; verdicts by doctor. log: None where it was not to be had."""
     found, left_out, verdict = Patch(), [], "not recorded"
     if log is not None:

@@ -17,12 +17,12 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from np_blind.robots.answering import ORACLES, EvaluationConfig, GpuPool, evaluate_robots
 from np_blind.robots.cases import SET, make_key, read_key
+from np_blind.robots.effect_sizes import find_robots
+from np_blind.robots.evaluation import ORACLES, EvaluationConfig, GpuPool, evaluate_robots
 from np_blind.robots.figures import figures
 from np_blind.robots.plot import plot_robots
-from np_blind.robots.sizes import find_robots
-from np_blind.sealed import KEYS, SealError, check, check_doctor, digest, put_down
+from np_blind.sealed import KEYS, SealError, check_diagnosis_code, check_hash, commit_hash, digest
 from np_common.cli import INTERRUPTED, Parser, interrupt_on_sigterm
 from np_common.parallel import HELP, SINGLE_THREAD, workers
 from np_description.weights.provenance import origin
@@ -71,7 +71,7 @@ def seal(options: argparse.Namespace) -> dict:
     key = make_key(robots, options.seed)
     options.key.parent.mkdir(parents=True, exist_ok=True)
     options.key.write_text(key, encoding="utf-8")
-    found = put_down(key) if options.seed >= LOCKED_FROM else digest(key)
+    found = commit_hash(key) if options.seed >= LOCKED_FROM else digest(key)
     return {"key": str(options.key), "sha256": found, "keys": str(KEYS), "robots": len(robots), "not_found": not_found}
 
 
@@ -79,9 +79,9 @@ def evaluate(options: argparse.Namespace) -> dict:
     """The loop over the robots of the key."""
     key = options.key.read_text(encoding="utf-8")
     is_locked = options.seed >= LOCKED_FROM
-    sealed = check(key) if is_locked else digest(key)
+    sealed = check_hash(key) if is_locked else digest(key)
     options.out.mkdir(parents=True, exist_ok=True)
-    doctor = check_doctor(options.out, is_locked)
+    doctor = check_diagnosis_code(options.out, is_locked)
     there = gpus()
     training = Learning(options.minutes, there[0] if there else None, options=tuple(options.train))
     config = EvaluationConfig(

@@ -11,9 +11,9 @@ from dataclasses import fields
 import numpy as np
 
 from np_blind.arm.plant.hysteresis import bouc_wen, lugre, prandtl
-from np_blind.arm.plant.out_of_catalogue_physics import OutOfCatalogue, off_centre, slipped
 from np_blind.arm.plant.physics import Physics
 from np_blind.arm.plant.rigid_arm import PANDA, Chain, RigidArms
+from np_blind.arm.plant.unknown_fault_physics import UnknownFaultPhysics, eccentric_encoder_error, encoder_slip
 
 PERIOD = 0.002  # s, of control
 SUBSTEPS = 4
@@ -49,7 +49,7 @@ class Plant:
         self._stiff = np.minimum(physics.coulomb_forward, physics.coulomb_backward) / physics.breakaway
         self._bend, self._lugre, self._hysteresis = (np.zeros_like(self.q) for _ in range(3))
         self._drive, self._load, self._limited = (np.zeros_like(self.q) for _ in range(3))
-        self._out_of_catalogue = OutOfCatalogue(physics, self._used, rng, self.q, PERIOD, STEP)
+        self._out_of_catalogue = UnknownFaultPhysics(physics, self._used, rng, self.q, PERIOD, STEP)
         length = int(round(LONGEST_DELAY / PERIOD)) + 2
         self._history = np.zeros((length, *self.q.shape))
         self._number = 0
@@ -71,7 +71,10 @@ class Plant:
         arms = len(self.physics)
         middle = self.q + 0.5 * PERIOD * self.dq
         shown = (
-            middle + self.physics.encoder_bias + off_centre(self.physics, middle)[0] + slipped(self.physics, self.time)
+            middle
+            + self.physics.encoder_bias
+            + eccentric_encoder_error(self.physics, middle)[0]
+            + encoder_slip(self.physics, self.time)
         )
         matrix, velocity, weight = self._arms.terms(
             np.concatenate([middle, q, shown]), np.concatenate([self.dq, dq, self.dq])
