@@ -4,7 +4,7 @@ import json
 
 import pytest
 from graph_tools import Graph
-from sim2real.cli import diagnose_task as chain
+from sim2real.cli import diagnose_task
 from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
 
 from np_description.domains import BUMP
@@ -37,14 +37,14 @@ def test_experiments_are_planned_and_sent(recorded):
     assert [name for name in segments if name.startswith("touch")] == [f"touch_table_{n}" for n in (1, 2, 3, 4)]
 
 
-def test_chain_has_a_row_for_what_was_touched_and_says_what_was_not(recorded, tmp_path, capsys):
+def test_the_report_has_a_row_for_what_was_touched_and_says_what_was_not(recorded, tmp_path, capsys):
     bag, _ = recorded
-    assert chain.main([str(bag), "--out", str(tmp_path)]) == 0
+    assert diagnose_task.main([str(bag), "--out", str(tmp_path)]) == 0
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
     rows = {row["module"]: row for row in told["rows"]}
     assert rows["table"]["verdict"] == "identified" and rows["table"]["share"] == pytest.approx(1.0)
     assert rows["contact"]["verdict"] == rows["timing"]["verdict"] == "not seen in this recording"
     assert told["motion"] is None  # nothing was pushed
-    assert told == json.loads((tmp_path / "chain.json").read_text())
-    assert "at the table: the table is 6.0 mm" in (tmp_path / "chain.html").read_text()
+    assert told == json.loads((tmp_path / "task.json").read_text())
+    assert "at the table: the table is 6.0 mm" in (tmp_path / "task.html").read_text()
     assert [e.effect for e in load_patch(tmp_path / "patch.yaml").effects] == ["table_height"]
