@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.effects.saying import Value
-from sim2real.effects.view_effects import ViewEffects
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.report.task_sentences import hypothesis_text
 from sim2real.task.camera.flat_pose import fit_flat_pose
 from sim2real.task.camera.model import make_scene
@@ -41,7 +40,7 @@ def test_a_camera_that_is_turned_is_told_from_one_that_stands_elsewhere(seed):
 
 
 def test_what_corners_tell_comes_first_and_the_patch_has_it():
-    off = {"x": Value(-0.011, -0.012, -0.010), "y": Value(0.010, 0.009, 0.011)}
+    off = {"x": ValueWithInterval(-0.011, -0.012, -0.010), "y": ValueWithInterval(0.010, 0.009, 0.011)}
     named = HypothesisComparison("ambiguous", (Finding((Hypothesis("picture", ("picture",), off),), 9.0),), {}, ())
     met = HandEyeOffset("ambiguous", named, ())
     (place,), (turn,) = hand_eye_offset_findings(met), hand_eye_offset_findings(met, np.array([-0.017, -0.016]))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.effects.saying import Value
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.report.task_document import check_schema, document
 from sim2real.task.diagnosis import TaskRecordings, diagnose_task
 from sim2real.task.object_motion import patch_check as motion

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from bags import record_episode
 from sim2real.cli import diagnose_task as command
+from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.effects.saying import Value
-from sim2real.effects.view_effects import ViewEffects
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.recordings.signals import Log
 from sim2real.report.task_document import check_schema, document
 from sim2real.report.task_page import render
@@ -113,15 +113,19 @@ def test_faces_that_no_place_explains_are_unexplained():
 
 
 def felt(height):
-    bounds = {"height": Value(height, height - 4e-4, height + 4e-4)}
+    bounds = {"height": ValueWithInterval(height, height - 4e-4, height + 4e-4)}
     found = (Finding((Hypothesis("table_height", ("table_height",), bounds),), 50.0),) if height else ()
     return SurfaceContactResult("identified" if found else "no_gap", HypothesisComparison("", found, bounds, ()), ())
 
 
 def seen_either(height):
     """The camera is lower, or the table is higher."""
-    table = Hypothesis("table_height", ("table_height",), {"table_height": Value(height, height - 1e-3, height + 1e-3)})
-    camera = Hypothesis("camera_place", ("camera_extrinsics",), {"camera_z": Value(-height, -height, -height)})
+    table = Hypothesis(
+        "table_height", ("table_height",), {"table_height": ValueWithInterval(height, height - 1e-3, height + 1e-3)}
+    )
+    camera = Hypothesis(
+        "camera_place", ("camera_extrinsics",), {"camera_z": ValueWithInterval(-height, -height, -height)}
+    )
     return Finding((camera, table), 20.0, "view")
 
 
@@ -222,8 +226,10 @@ def test_an_episode_is_seen_and_not_felt(tmp_path):
 
 @pytest.mark.parametrize(("spread", "named"), [(0.2, True), (0.001, False)])
 def test_images_of_a_detector_without_noise_are_not_said_to_be_repeated(spread, named):
-    none = Value(0.0, 0.0, 0.0)
-    found = KeypointNoise(9.0, 270, Value(spread, spread, spread), none, none, none, Value(0.17, 0.16, 0.18))
+    none = ValueWithInterval(0.0, 0.0, 0.0)
+    found = KeypointNoise(
+        9.0, 270, ValueWithInterval(spread, spread, spread), none, none, none, ValueWithInterval(0.17, 0.16, 0.18)
+    )
     assert ("frame_drop" in visible_noise_effects(found)) is named
 
 
@@ -248,7 +254,7 @@ def test_a_turned_camera_shows_an_object_off_by_the_same_whichever_corners_are_s
     turned = Patch((PatchEffect("camera_extrinsics", "camera", {"turn_x": 0.0128, "turn_y": -0.0244}),))
     lain = Pose(np.array([0.5, -0.14, 0.045]), yaw_quaternion(np.asarray(0.3)))
     corners = box_keypoints(np.asarray(BUMP.half_size), lain.position, lain.quaternion)
-    pixels = np.tile(ViewEffects(turned).camera.project(corners)[0], (30, 1, 1))
+    pixels = np.tile(CameraEffects(turned).camera.project(corners)[0], (30, 1, 1))
     usable = np.ones((30, 8), bool)
     usable[:, hidden] = False
     state = np.arange(0, 1, 0.01)
@@ -260,7 +266,7 @@ def test_a_turned_camera_shows_an_object_off_by_the_same_whichever_corners_are_s
         ),
         "push_1",
     )
-    shown = CAMERA.at_height(CAMERA.rays(ViewEffects(turned).camera.project(lain.position[None])[0]), 0.045)[0]
+    shown = CAMERA.at_height(CAMERA.rays(CameraEffects(turned).camera.project(lain.position[None])[0]), 0.045)[0]
     assert seen.position[2] == pytest.approx(0.045, abs=1e-6) and seen.position[:2] == pytest.approx(shown, abs=0.003)
 
 

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch
-from sim2real.effects.view_effects import ViewEffects
 from sim2real.report.task_sentences import finding_text
 from sim2real.task.camera.rest_poses import find_rest_poses
 from sim2real.task.contact_force.fit import NominalContact

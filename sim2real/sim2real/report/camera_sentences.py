@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict
 
-from sim2real.effects import VIEW_RECORDS
-from sim2real.effects.saying import Value
+from sim2real.effects import CAMERA_EFFECTS
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.task.camera.diagnosis import CameraDiagnosis
 from sim2real.task.camera.parameters import BY_NAME, EFFECTS, PARAMETERS, SHOWN_BY, distinguishing_experiments
 from sim2real.task.hypotheses import Finding
@@ -75,8 +75,8 @@ def patch(view: CameraDiagnosis) -> list[dict]:
         best = one.hypotheses[0]
         if len(one.hypotheses) > 1 or not best.patch:
             continue
-        record = VIEW_RECORDS[best.effects[0]]
-        entry = {"effect": record.id, "component": str(record.part), "parameters": {}}
+        record = CAMERA_EFFECTS[best.effects[0]]
+        entry = {"effect": record.id, "component": str(record.target), "parameters": {}}
         entries.setdefault(record.id, entry)["parameters"].update(best.patch)
     return list(entries.values())
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict
 
-from sim2real.effects import SCENE_RECORDS
-from sim2real.effects.saying import Value, say
+from sim2real.effects import SCENE_EFFECTS
+from sim2real.effects.sentences import ValueWithInterval, describe_effect
 from sim2real.task.contact_force.estimate import ContactForceResult
 from sim2real.task.findings import patch_values
 from sim2real.task.hypotheses import Finding, HypothesisComparison
@@ -37,11 +37,11 @@ def document(surfaces: SurfaceContactResult, forces: ContactForceResult) -> dict
     return {"touch": touch, "force": force}
 
 
-def effect_text(effect: str, estimates: Mapping[str, Value]) -> str:
+def effect_text(effect: str, estimates: Mapping[str, ValueWithInterval]) -> str:
     """An effect with its parameters, as half a sentence."""
-    if effect in SCENE_RECORDS:
-        record = SCENE_RECORDS[effect]
-        return say(record, str(record.part), patch_values(effect, estimates), "the simulator")
+    if effect in SCENE_EFFECTS:
+        record = SCENE_EFFECTS[effect]
+        return describe_effect(record, str(record.target), patch_values(effect, estimates), "the simulator")
     return f"{effect.replace('_', ' ')}: " + ", ".join(f"{name} {value:SI}" for name, value in estimates.items())
 
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from sim2real.effects import VIEW_RECORDS
-from sim2real.effects.saying import say
+from sim2real.effects import CAMERA_EFFECTS
+from sim2real.effects.sentences import describe_effect
 from sim2real.task.keypoint_noise import KeypointNoise, visible_noise_effects
 
 
 def sentences(noise: KeypointNoise) -> list[str]:
     """One sentence for each visible effect."""
     parts = [
-        say(VIEW_RECORDS[name], str(VIEW_RECORDS[name].part), values, "the simulator")
+        describe_effect(CAMERA_EFFECTS[name], str(CAMERA_EFFECTS[name].target), values, "the simulator")
         for name, values in visible_noise_effects(noise).items()
     ]
     lines = [f"{text[0].upper()}{text[1:]}." for text in parts]
@@ -24,7 +24,7 @@ def document(noise: KeypointNoise) -> dict:
     patch = [
         {
             "effect": name,
-            "component": str(VIEW_RECORDS[name].part),
+            "component": str(CAMERA_EFFECTS[name].target),
             "parameters": {key: value.value for key, value in values.items()},
         }
         for name, values in visible_noise_effects(noise).items()

@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict
 from importlib.resources import files
 
-from sim2real.effects.saying import Value
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.report import camera_sentences, contact_sentences, noise_sentences
 from sim2real.report.task_sentences import hypothesis_text, module_text, next_steps, sentence
 from sim2real.task.diagnosis import ModuleResult, TaskDiagnosis, make_patch
@@ -90,7 +90,7 @@ def _finding(finding: Finding) -> dict:
     return {"stage": finding.source, "gain_nats": float(finding.log_bayes_factor), "ways": ways}
 
 
-def _value(value: Value) -> dict:
+def _value(value: ValueWithInterval) -> dict:
     return {"value": float(value.value), "ci95": [float(value.low), float(value.high)]}
 
 
@@ -98,7 +98,7 @@ def _measured(diagnosis: TaskDiagnosis) -> dict:
     """Absolute numbers: coefficients of friction, mass kg, height m of the table, latency s."""
     forces, found = diagnosis.forces, {}
     if forces and forces.measured:
-        found |= {UNITS[name]: _value(Value(*values)) for name, values in forces.measured.items()}
+        found |= {UNITS[name]: _value(ValueWithInterval(*values)) for name, values in forces.measured.items()}
     if forces and forces.least_finger is not None:
         found["friction_fingertip_at_least"] = float(forces.least_finger)
     if diagnosis.surfaces and diagnosis.surfaces.comparison:

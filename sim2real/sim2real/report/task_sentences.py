@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from sim2real.effects import VIEW_RECORDS
-from sim2real.effects.saying import Value, say
+from sim2real.effects import CAMERA_EFFECTS
+from sim2real.effects.sentences import ValueWithInterval, describe_effect
 from sim2real.report import camera_sentences, contact_sentences
 from sim2real.report.camera_sentences import PUT_DOWN
 from sim2real.task.contact_force.fit import NominalContact
@@ -67,8 +67,8 @@ def hypothesis_text(finding: Finding, one: Hypothesis) -> str:
         return _offset_text(one, is_first=one is finding.hypotheses[0])
     if finding.source == "lag" and one.name == "clock_offset":
         return "the camera's clock is off by that"
-    record = VIEW_RECORDS[one.name]
-    return say(record, str(record.part), one.estimates, "the simulator")
+    record = CAMERA_EFFECTS[one.name]
+    return describe_effect(record, str(record.target), one.estimates, "the simulator")
 
 
 def _offset_text(one: Hypothesis, is_first: bool) -> str:
@@ -100,13 +100,15 @@ def measured_text(module: str, diagnosis: TaskDiagnosis) -> str:
     if module == "contact" and measured:
         nominal = NominalContact.of(diagnosis.recordings.tasks[0].domain)
         if "table" in measured:
-            parts.append(f"friction with the table {Value(*measured['table']):1}, believed {nominal.table:g}")
+            parts.append(
+                f"friction with the table {ValueWithInterval(*measured['table']):1}, believed {nominal.table:g}"
+            )
         if "finger" in measured:
-            parts.append(f"with the fingertip {Value(*measured['finger']):1}, believed {nominal.finger:g}")
+            parts.append(f"with the fingertip {ValueWithInterval(*measured['finger']):1}, believed {nominal.finger:g}")
         elif forces.least_finger is not None:
             parts.append(f"with the fingertip {forces.least_finger:.2f} at least, believed {nominal.finger:g}")
     elif module == "object" and "mass" in measured:
-        mass = Value(*(1e3 * value for value in measured["mass"]))
+        mass = ValueWithInterval(*(1e3 * value for value in measured["mass"]))
         parts.append(f"mass {mass:g}, believed {1e3 * diagnosis.recordings.tasks[0].domain.mass:.0f} g")
     elif module == "table" and surfaces and surfaces.comparison:
         parts.append(f"height {surfaces.comparison.bounds['height']:mm}")

@@ -214,12 +214,12 @@ def make_patch(diagnosis: TaskDiagnosis) -> Patch:
             if best.patch and (one.source in ("lag", "meeting") or one.is_one_effect):
                 entries.setdefault(best.effects[0], {}).update(best.patch)
     found = (PatchEffect(effect, "", values) for effect, values in entries.items())
-    return Patch(tuple(PatchEffect(e.effect, str(e.record.part), _clip(e)) for e in found))
+    return Patch(tuple(PatchEffect(e.effect, str(e.definition.target), _clip(e)) for e in found))
 
 
 def _clip(entry: PatchEffect) -> dict[str, float]:
     """Parameters within the bounds of their quantities."""
-    bounds = {q.name: (q.lower, q.upper) for q in entry.record.quantities}
+    bounds = {q.name: (q.lower, q.upper) for q in entry.definition.quantities}
     return {name: float(min(max(value, bounds[name][0]), bounds[name][1])) for name, value in entry.parameters.items()}
 
 
@@ -244,7 +244,7 @@ def _module_result(module: str, found: list[Finding], diagnosis: TaskDiagnosis) 
     return ModuleResult(module, NOT_SEEN, abstention_reason=_reason(module, diagnosis))
 
 
-CAMERA_EFFECTS = {
+OBSERVED_BY = {
     "camera": ("camera_place", "camera_turn", "focal_length"),
     "object": ("object_size",),
     "table": ("table_height",),
@@ -259,7 +259,7 @@ def _is_observable(module: str, diagnosis: TaskDiagnosis) -> bool:
     if camera is not None and camera.verdict in ("no_gap", "identified", "ambiguous"):
         clear = set(camera.bounds) - set(camera.unidentifiable)
     by_camera = any(
-        PARAMETERS[index].name in clear for name in CAMERA_EFFECTS.get(module, ()) for index in EFFECTS[name].numbers
+        PARAMETERS[index].name in clear for name in OBSERVED_BY.get(module, ()) for index in EFFECTS[name].numbers
     )
     measured = (diagnosis.forces.measured or {}) if diagnosis.forces else {}
     return {

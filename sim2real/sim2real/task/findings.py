@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim2real.effects import SCENE_RECORDS
-from sim2real.effects.saying import Value
+from sim2real.effects import SCENE_EFFECTS
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.task.camera.diagnosis import CameraDiagnosis
 from sim2real.task.contact_force.estimate import ContactForceResult
 from sim2real.task.hypotheses import Finding, Hypothesis
@@ -43,16 +43,16 @@ def contact_findings(result: SurfaceContactResult | ContactForceResult | None, s
 
 
 def _with_patch(one: Hypothesis) -> Hypothesis:
-    if one.name not in SCENE_RECORDS:
+    if one.name not in SCENE_EFFECTS:
         return one
     return replace(one, patch={name: value.value for name, value in patch_values(one.name, one.estimates).items()})
 
 
-def patch_values(effect: str, estimates: Mapping[str, Value]) -> dict[str, Value]:
+def patch_values(effect: str, estimates: Mapping[str, ValueWithInterval]) -> dict[str, ValueWithInterval]:
     """The number of an effect of the scene as `patch.yaml` has it: a logarithm as a relative change."""
     (value,) = estimates.values()
     if PATCH_PARAMETERS[effect] == RELATIVE:
-        value = Value(*(float(np.expm1(number)) for number in (value.value, value.low, value.high)))
+        value = ValueWithInterval(*(float(np.expm1(number)) for number in (value.value, value.low, value.high)))
     return {PATCH_PARAMETERS[effect]: value}
 
 
@@ -140,7 +140,7 @@ def _contradicts(way: Hypothesis, surfaces: SurfaceContactResult) -> bool:
     )
 
 
-def gaussian_log_bayes_factor(value: Value) -> float:
+def gaussian_log_bayes_factor(value: ValueWithInterval) -> float:
     """Nats by which a number is more probable than zero, with a Gaussian error of its interval."""
     deviation = max((value.high - value.low) / 3.92, 1e-9)
     return float(np.clip(0.5 * (value.value / deviation) ** 2, 0.0, 1e3))

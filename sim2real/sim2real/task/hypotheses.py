@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import multivariate_normal
 
 from sim2real.effects.catalogue import catalogue
-from sim2real.effects.saying import Value
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.thresholds import THRESHOLDS
 
 N_EQUALLY_LIKELY_CANDIDATES = THRESHOLDS.hypotheses.candidates
@@ -44,7 +44,7 @@ class Hypothesis:
     """As the stage calls it."""
     effects: tuple[str, ...]
     """Ids of the catalogue; several where no recording tells them apart."""
-    estimates: dict[str, Value]
+    estimates: dict[str, ValueWithInterval]
     """Parameters with their 95 % intervals, in SI units and px."""
     patch: dict[str, float] = field(default_factory=dict)
     """Parameters as `patch.yaml` names them; empty where no simulator models the effect."""
@@ -85,7 +85,7 @@ class HypothesisComparison:
     """no_gap, identified, ambiguous or undetermined."""
     findings: tuple[Finding, ...]
     """The effects of the best hypothesis."""
-    bounds: dict[str, Value]
+    bounds: dict[str, ValueWithInterval]
     """Every number with its 95 % interval if its effect were off too."""
     unidentifiable: tuple[str, ...]
     """Numbers whose interval the recording hardly narrows."""
@@ -150,12 +150,12 @@ class MeasuredChanges:
         gain = before @ np.linalg.inv(before + self.covariance)
         return gain @ self.value, np.sqrt(np.maximum(np.diag(before - gain @ before), 0.0))
 
-    def estimates(self, gaps: Effects, effect: str) -> dict[str, Value]:
+    def estimates(self, gaps: Effects, effect: str) -> dict[str, ValueWithInterval]:
         """Numbers of an effect with their 95 % intervals where these effects are off."""
         mean, deviation = self.posterior(gaps)
         rows = [self.names.index(number) for number in self.effects[effect]]
         return {
-            self.names[k]: Value(
+            self.names[k]: ValueWithInterval(
                 float(mean[k]), float(mean[k] - NORMAL_95 * deviation[k]), float(mean[k] + NORMAL_95 * deviation[k])
             )
             for k in rows

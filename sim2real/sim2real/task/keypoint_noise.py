@@ -14,15 +14,15 @@ import numpy as np
 from scipy.stats import beta
 
 from np_description.keypoints import COUNT
-from sim2real.effects import VIEW_RECORDS
-from sim2real.effects.saying import Value
+from sim2real.effects import CAMERA_EFFECTS
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.recordings.reading import ContractViolation
 from sim2real.task.hypotheses import NORMAL_95
 from sim2real.task.keypoint_track import KeypointTrack, find_rests
 from sim2real.thresholds import THRESHOLDS
 
 SCATTER = THRESHOLDS.scatter
-UNKNOWN = Value(0.0, 0.0, 0.0)
+UNKNOWN = ValueWithInterval(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -33,15 +33,15 @@ class KeypointNoise:
     """Time s at rest."""
     images: int
     """Images at rest."""
-    spread: Value
+    spread: ValueWithInterval
     """Standard deviation px of a coordinate."""
-    memory: Value
+    memory: ValueWithInterval
     """Correlation with the image before."""
-    share: Value
+    share: ValueWithInterval
     """Share of corners that are gross errors."""
-    size: Value
+    size: ValueWithInterval
     """Standard deviation px of gross errors."""
-    repeated: Value | None
+    repeated: ValueWithInterval | None
     """Share of images that repeat the one before; None where nothing moves and nothing scatters."""
 
 
@@ -71,14 +71,16 @@ def estimate_keypoint_noise(track: KeypointTrack) -> KeypointNoise:
         seconds,
         seen // COUNT,
         _about(spread, spread / np.sqrt(2 * known)),
-        Value(memory, max(memory - NORMAL_95 * memory_error, 0.0), min(memory + NORMAL_95 * memory_error, 1.0)),
+        ValueWithInterval(
+            memory, max(memory - NORMAL_95 * memory_error, 0.0), min(memory + NORMAL_95 * memory_error, 1.0)
+        ),
         _proportion(share * seen, seen),
         _about(size, size / np.sqrt(2 * 2 * max(share * seen, 1.0))),
         _repeated(fresh, spread),
     )
 
 
-def visible_noise_effects(noise: KeypointNoise) -> dict[str, dict[str, Value]]:
+def visible_noise_effects(noise: KeypointNoise) -> dict[str, dict[str, ValueWithInterval]]:
     """Parameters of the effects that are visible, by effect: those whose whole interval is beyond the limit that the effect declares."""
     effects = {
         "keypoint_noise": ("spread", {"spread": noise.spread, "memory": noise.memory}),
@@ -86,7 +88,9 @@ def visible_noise_effects(noise: KeypointNoise) -> dict[str, dict[str, Value]]:
         "frame_drop": ("share", {"share": noise.repeated or UNKNOWN}),
     }
     visible = {
-        name: values for name, (size, values) in effects.items() if values[size].low > VIEW_RECORDS[name].seen.limit
+        name: values
+        for name, (size, values) in effects.items()
+        if values[size].low > CAMERA_EFFECTS[name].detection_limit.limit
     }
     if noise.spread.value < SCATTER.noiseless:
         visible.pop("frame_drop", None)  # an object that rests looks the same in every image
@@ -177,5 +181,5 @@ def _proportion(count: float, of: int) -> ValueWithInterval:
     return ValueWithInterval(count / of, float(low), float(high))
 
 
-def _about(value: float, error: float) -> Value:
-    return Value(float(value), float(max(value - NORMAL_95 * error, 0.0)), float(value + NORMAL_95 * error))
+def _about(value: float, error: float) -> ValueWithInterval:
+    return ValueWithInterval(float(value), float(max(value - NORMAL_95 * error, 0.0)), float(value + NORMAL_95 * error))

@@ -53,7 +53,7 @@ class CameraDiagnosis:
     """The effects of the best hypothesis."""
     gains: dict[str, float] = field(default_factory=dict)
     """Log Bayes factor (nats) of each effect alone."""
-    bounds: dict[str, Value] = field(default_factory=dict)
+    bounds: dict[str, ValueWithInterval] = field(default_factory=dict)
     """Every number with its 95 % interval if its effect were off too."""
     unidentifiable: tuple[str, ...] = ()
     """Numbers that the recording does not narrow."""
@@ -160,7 +160,7 @@ class _CameraModels:
         """Nats by which corners and numbers are off where a corner's error is that: without the price of numbers that are free."""
         return fit_scene(self._scene, self.prior(names), self.start, scatter, self.of(names)).cost
 
-    def estimates(self, effect: str, without: Effects = frozenset()) -> dict[str, Value]:
+    def estimates(self, effect: str, without: Effects = frozenset()) -> dict[str, ValueWithInterval]:
         """The numbers of an effect over all fits that have it as a gap, and none `without`, as probable as each of them is."""
         having = [n for n in self._made if effect in n and not n & without]
         values = np.array([self.value(n) for n in having])
@@ -207,7 +207,7 @@ def _finding(models: _CameraModels, chosen: Effects, effect: str) -> Finding:
     return Finding(tuple(_hypothesis(*one) for one in estimates.items()), log_bayes_factor, "view")
 
 
-def _hypothesis(effect: str, estimates: dict[str, Value]) -> Hypothesis:
+def _hypothesis(effect: str, estimates: dict[str, ValueWithInterval]) -> Hypothesis:
     known = EFFECTS[effect]
     patch = dict(zip(known.quantities, (value.value for value in estimates.values())))
     return Hypothesis(effect, tuple(known.ids), estimates, patch)

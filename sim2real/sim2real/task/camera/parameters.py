@@ -79,7 +79,7 @@ class CameraEffect:
     called: str
     """What is off, in words."""
     said: str
-    """Sentence template with its numbers in braces (`sim2real.effects.saying`)."""
+    """Sentence template with its numbers in braces (`sim2real.effects.sentences`)."""
     quantities: tuple[str, ...] = ()
     """Names of the numbers in `patch.yaml`; empty where a patch cannot carry it."""
 

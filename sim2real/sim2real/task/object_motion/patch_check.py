@@ -21,7 +21,7 @@ class CheckedPatch:
 
     patch: Patch
     """Effects that remain."""
-    withheld: dict[str, Value]
+    withheld: dict[str, ValueWithInterval]
     """Share of the motion error that each withheld effect removes, below 0."""
 
 

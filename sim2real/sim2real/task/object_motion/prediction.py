@@ -30,7 +30,7 @@ class MotionPrediction:
     """The same with the patch."""
     windows: int
     """Windows that were predicted."""
-    removed: Value
+    removed: ValueWithInterval
     """Share of the error that the patch removes; negative where it does harm."""
     by_effect: dict[str, float]
     """Share that is lost without each effect."""

@@ -32,7 +32,7 @@ class ImageLatency:
 
     verdict: str
     """no_gap, ambiguous (a late image looks like a camera clock that is behind) or undetermined."""
-    late: Value | None
+    late: ValueWithInterval | None
     """Latency s with its 95 % interval; None where the stage abstains."""
     each: tuple[float, ...]
     """Latency s of every push."""
@@ -67,7 +67,7 @@ def latency_from_pushes(pushes: tuple[PushedObject, ...]) -> ImageLatency:
     rows = np.array([one.row for one in kept])
     value, own = _middle(np.array(each), deviations, rows)
     deviation = float(np.hypot(own, LAG.common))
-    late = Value(value, value - NORMAL_95 * deviation, value + NORMAL_95 * deviation)
+    late = ValueWithInterval(value, value - NORMAL_95 * deviation, value + NORMAL_95 * deviation)
     return ImageLatency("ambiguous" if late.low > LAG.seen or late.high < -LAG.seen else "no_gap", late, each, kept)
 
 
