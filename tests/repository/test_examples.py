@@ -65,4 +65,4 @@ def test_an_effect_of_ones_own(tmp_path):
 @pytest.mark.slow
 def test_a_finetuning_with_a_patch(tmp_path):
     printed = run(tmp_path, "06_finetune_with_a_patch.py")
-    assert json.loads(printed.splitlines()[-1])["success_predicted"]["episodes"] == 2
+    assert 0 <= json.loads(printed.splitlines()[-1])["success_predicted"] <= 1

@@ -116,7 +116,7 @@ class Simulation:
     @property
     def held_back(self) -> tuple[str, ...]:
         """Where the patch asks for less than is physical, a line for each."""
-        return tuple(self._patch.held_back())
+        return tuple(self._patch.clipped_parameters())
 
     @property
     def ignored_effects(self) -> tuple[str, ...]:

@@ -143,7 +143,7 @@ def warnings_of(options: argparse.Namespace) -> list[str]:
 
     from np_policy.contract import check_weights
 
-    effects = [] if options.effects == "none" else load_patch(options.effects).held_back()
+    effects = [] if options.effects == "none" else load_patch(options.effects).clipped_parameters()
     return [*check_weights(find_domain(options.domain), options.weights), *effects]
 
 
