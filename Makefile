@@ -76,11 +76,11 @@ soak: setup ## DOMAIN EPISODES SEED ARGS="--hours 1": episodes in one graph, in 
 fuzz: setup ## SEED: random and malformed messages on every topic: none of the nodes dies, as JSON
 	@$(ACTIVATE) exec ros2 run np_evaluation fuzz --seed $(SEED) $(ARGS)
 
-blind: setup ## CASES SEED SET=[locked|development][_changes|_six] JOBS CLUSTER: the gap doctor against sealed cases, as JSON
+blind: setup ## CASES SEED SET=[locked|development][_changes|_six] JOBS CLUSTER: the diagnosis of the arm on sealed cases, as JSON
 	@$(ACTIVATE) exec python -m np_blind.arm.set --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) \
 		$(ON) $(ARGS)
 
-blind-task: physx ## CASES=16 SEED=1 JOBS CLUSTER ARGS=--seal: what is beside the arm, in PhysX, against sealed cases, as JSON
+blind-task: physx ## CASES=16 SEED=1 JOBS CLUSTER ARGS=--seal: the task diagnosis in PhysX on sealed cases, as JSON
 	@$(ACTIVATE) exec python -m np_blind.task.set $(if $(filter-out file,$(origin CASES)),--cases $(CASES)) \
 		$(if $(filter-out file,$(origin SEED)),--seed $(SEED)) --jobs $(JOBS) $(ON) $(ARGS)
 

@@ -197,7 +197,7 @@ SEALED = [tuple(line.split()) for line in KEYS.read_text().splitlines() if not l
 
 @pytest.mark.parametrize("which, count, seed, known", [row for row in SEALED if row[:3] not in OF_OLDER_CODE])
 def test_the_generator_still_makes_every_key_that_was_sealed(which, count, seed, known):
-    # Sets of 300 are of a part of the suite (docs/reference/blind_test.md).
+    # Sets of 300 are of a part of the suite (benchmark/README.md).
     only = ["reference", "dwell"] if count == "300" else []
     if which == robot_cases.SET:  # sizes were found by episodes: the key is a file
         (file,) = KEYS.parent.glob(f"robots_*_{seed}.json")

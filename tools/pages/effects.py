@@ -6,17 +6,15 @@ import sim2real.effects
 
 from pages.markdown import head, table
 
-INTRODUCTION = """What an arm may have that its nominal simulator has not. An entry of `patch.yaml` is an id, a
-component (a joint's name, or `arm`) and the parameters below, in SI units, as changes against the nominal arm. A module
-is where reports say that an effect sits."""
-VIEW = """What the view of a simulated robot may have: its component is `camera` or `keypoints`, changes are against the camera that is
-believed in (as trained, or the calibration file's). Visible is the limit from which on the task suite is meant to show it. Carried by:
-the images of a backend; the keypoints of `keypoint_oracle`, in the detector's place; training. Nothing shows what is still to come: an image
-that would be of a later moment than its stamp is of its stamp."""
-SCENE = """What contact, object and table of a simulated scene may have: its component is the module, changes are against the domain (a share,
-where there is no unit). Frictions are of the object; obstacles rise with the table. Carried by: the simulated robot of the bridge, in both engines; training."""
-RECORDED = """Ranges are what is physical. Visible is the magnitude from which on the excitation suite can show an
-effect at all, base to wrist. Carried by: the simulated arm of the bridge, the doctor's forward model, training."""
+INTRODUCTION = """Parametric models of effects that the nominal simulator lacks. An entry of `patch.yaml` has an id, a component (a joint's
+name, or `arm`) and the parameters below, in SI units, as changes against the nominal arm. The module is the place that reports name."""
+RECORDED = """Ranges are physical limits. Visible is the smallest size that the excitation suite can show, base to wrist.
+Carried by: the simulated arm of the bridge, the forward model of the diagnosis, training."""
+VIEW = """Effects of a simulated camera and its keypoints. The component is `camera` or `keypoints`; changes are against the camera in use (as trained, or
+the calibration file's). Visible is the smallest size that the task suite is meant to show. Carried by: the images of a backend; the keypoints of
+`keypoint_oracle`; training. Latency is clipped so that an image never shows a time later than its stamp."""
+SCENE = """Effects of contact, object and table in a simulated scene. The component is the module; changes are against the task's values (relative where there
+is no unit). Frictions are the object's; obstacles rise with the table. Carried by: the simulated robot of the bridge, in both engines; training."""
 
 
 def page() -> str:

@@ -1,4 +1,4 @@
-"""docs/reference/parameters.md: what every node and every launch can be told, from what they declare."""
+"""docs/reference/parameters.md: parameters of every node and arguments of every launch file, from what they declare."""
 
 from __future__ import annotations
 
@@ -14,9 +14,8 @@ from np_bringup.task_graph import ARGUMENTS
 from np_ros.parameters import Parameter, declared
 from pages.markdown import head, number, table
 
-INTRODUCTION = """Written from the code. A parameter is set at the start (`--ros-args -p name:=value`) and read-only from
-then on; a value of another type or out of range is refused by name, and so is a parameter that the node does not have.
-The meaning says the unit. `ros2 run PACKAGE NODE --help` prints the same."""
+INTRODUCTION = """Generated from the code. A parameter is set at the start (`--ros-args -p name:=value`) and read-only afterwards.
+Values of another type or out of range, and unknown names, are refused. The meaning states the unit. `ros2 run PACKAGE NODE --help` prints the same."""
 
 
 def node_classes(module: object) -> list[type[Node]]:

@@ -1,4 +1,4 @@
-"""docs/reference/report_schema.md: the doctor's report.json, from its JSON schema."""
+"""docs/reference/report_schema.md: report.json of the diagnosis, from its JSON schema."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from importlib.resources import files
 from pages.markdown import head, table
 
 INTRODUCTION = """`report.json` of `ros2 run np_diagnosis diagnose` keeps this schema
-(`sim2real/data/gap_report.schema.json`) and may have keys beyond it. A name with `[]` is that of each item of a
-list, with `<name>` that of each key."""
+(`sim2real/data/gap_report.schema.json`) and may have keys beyond it. `[]` stands for each item of a
+list, `<name>` for each key. [How to read it](../guide/read_the_report.md)."""
 
 
 def page() -> str:
     """The page: one row a key."""
     schema = json.loads((files("sim2real") / "data" / "gap_report.schema.json").read_text(encoding="utf-8"))
-    return head("The doctor's report", "its schema", INTRODUCTION) + table(
+    return head("The report of the diagnosis", "its schema", INTRODUCTION) + table(
         ("key", "type", "required", "meaning"), rows(schema, "")
     )
 

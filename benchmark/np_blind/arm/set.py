@@ -1,4 +1,4 @@
-"""`blind`: the doctor against arms whose cause is sealed (docs/reference/blind_test.md).
+"""`blind`: the doctor against arms whose cause is sealed (benchmark/README.md).
 
 Makes the bags, runs `diagnose` on each in a process of its own, then opens the key, checks its hash, and
 scores. The last line printed is one JSON object. It needs no ROS.

@@ -1,4 +1,4 @@
-"""Scoring reports against the key. The rules are written in docs/reference/blind_test.md, and nothing else is right."""
+"""Scoring reports against the key. The rules are written in benchmark/README.md, and nothing else is right."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def score_gap(score: Score, nominal: float, oracle: float, patched: float) -> No
 
 
 def summary(scores: Sequence[Score]) -> dict[str, object]:
-    """The figures that docs/reference/blind_test.md defines; each rate with `<name>_ci95` (Wilson) and `<name>_n`."""
+    """The figures that benchmark/README.md defines; each rate with `<name>_ci95` (Wilson) and `<name>_n`."""
     figures: dict[str, object] = {"cases": len(scores)}
 
     def rate(name: str, values: Sequence[bool | None]) -> None:
