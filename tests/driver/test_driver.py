@@ -13,9 +13,10 @@ from np_control.dynamics import Dynamics
 from np_control.impedance import STIFFNESS_MAX, torque
 from np_control.safety import Refusal, State
 from np_control.trajectory import Trajectory
+from np_description.force_reflex import FORCE_REFLEX
 from np_description.panda import JOINT_NAMES
 from np_franka.checklist import Checklist
-from np_franka.limits import CYCLE_NS, FR3_LIMITS, Collision
+from np_franka.limits import CYCLE_NS, FR3_LIMITS
 from np_franka.onboard import Onboard
 from np_franka.robots import ROBOTS
 
@@ -26,7 +27,7 @@ def start(start_robot):
     from np_franka.arm import Arm
     from np_franka.driver import Driver
 
-    collision = Collision()
+    reflex = FORCE_REFLEX
 
     drivers = []
 
@@ -34,8 +35,8 @@ def start(start_robot):
         _, parameters = start_robot()
         arm = Arm(
             partial(ROBOTS["fr3"].open, parameters["hostname"], enforce_realtime=False),
-            collision.torques(FR3_LIMITS),
-            collision.wrench(),
+            reflex.torques(FR3_LIMITS.torque),
+            reflex.wrench(),
         )
         usual = Checklist("none", timedelta(days=1), STIFFNESS_MAX, np.ones(7), FR3_LIMITS)
         checklist = replace(usual, **changes)

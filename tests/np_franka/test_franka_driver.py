@@ -8,12 +8,13 @@ import pytest
 
 from np_control.impedance import STIFFNESS_MAX
 from np_control.safety import Refusal, State
+from np_description.force_reflex import FORCE_REFLEX
 from np_description.panda import JOINT_NAMES, NOMINAL
 from np_franka.arm import Arm
 from np_franka.checklist import Checklist, Facts
 from np_franka.client import MILLISECOND, ArmError, Lost, Reading
 from np_franka.driver import Driver
-from np_franka.limits import FR3_LIMITS, Collision
+from np_franka.limits import FR3_LIMITS
 
 STEP = FR3_LIMITS.torque_rate * FR3_LIMITS.period  # Nm
 LOAD = np.array([0, 30.0, 0, 0, 0, 0, 0])  # Nm
@@ -71,8 +72,8 @@ def robot():
 def started(robot, *, drift=0.0, **changes):
     """A driver that holds this robot, whose clock gains `drift` s/s on the host's."""
     checklist = Checklist("none", timedelta(days=1), STIFFNESS_MAX, np.ones(7), FR3_LIMITS)
-    collision = Collision()
-    arm = Arm(lambda: robot, collision.torques(FR3_LIMITS), collision.wrench())
+    reflex = FORCE_REFLEX
+    arm = Arm(lambda: robot, reflex.torques(FR3_LIMITS.torque), reflex.wrench())
     driver = Driver(
         arm, FR3_LIMITS, replace(checklist, **changes), host_time=lambda: EPOCH + round(robot.time / (1 + drift))
     )

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from np_control.safety import LIMITS
+from np_description.force_reflex import FORCE_REFLEX, ForceReflex
 from np_franka.client import ArmError
-from np_franka.limits import CYCLE_NS, FR3_LIMITS, Collision
+from np_franka.limits import CYCLE_NS, FR3_LIMITS
 from np_franka.robots import ROBOTS
 
 
@@ -27,10 +28,10 @@ def test_the_range_is_within_the_pandas_and_leaves_room_to_move():
 
 
 def test_collision_thresholds_are_below_what_the_joints_can_give():
-    collision = Collision()
-    assert (collision.torques(FR3_LIMITS) < FR3_LIMITS.torque).all()
-    assert collision.wrench().tolist() == [collision.force] * 3 + [collision.moment] * 3
-    assert np.allclose(Collision(torque=0.5).torques(FR3_LIMITS), FR3_LIMITS.torque / 2)
+    reflex = FORCE_REFLEX
+    assert (reflex.torques(FR3_LIMITS.torque) < FR3_LIMITS.torque).all()
+    assert reflex.wrench().tolist() == [reflex.force] * 3 + [reflex.moment] * 3
+    assert np.allclose(ForceReflex(torque=0.5).torques(FR3_LIMITS.torque), FR3_LIMITS.torque / 2)
 
 
 def test_the_name_of_the_robot_chooses_its_limits():

@@ -1,8 +1,8 @@
-"""Limits of the robots as this project uses them, and the collision thresholds they are given."""
+"""Limits of the robots as this project uses them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -36,24 +36,3 @@ FR3_LIMITS = cycle_limits(
     position_upper=np.minimum(LIMITS.position_upper, _FR3_UPPER),
 )
 """What is in the range of both arms; speed and torque limits are the Panda's, which the FR3 exceeds."""
-
-
-@dataclass(frozen=True)
-class Collision:
-    """Above these the robot stops itself (a reflex).
-
-    torque: external torque of a joint, as a share of its torque limit; force N and moment Nm: external wrench
-    at the hand. Contact is reported from half of them on. Pushing takes up to 20 N.
-    """
-
-    torque: float = 0.45
-    force: float = 40.0
-    moment: float = 12.0
-
-    def torques(self, limits: SafetyLimits) -> np.ndarray:
-        """Threshold of each joint (7,) Nm."""
-        return self.torque * limits.torque
-
-    def wrench(self) -> np.ndarray:
-        """Threshold of force and moment (6,) N, Nm."""
-        return np.repeat([self.force, self.moment], 3)

@@ -13,10 +13,10 @@ from np_control.controller import ControllerConfig
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX
 from np_control.safety import SafetyLimits
 from np_description.calibration import MAX_AGE
+from np_description.force_reflex import FORCE_REFLEX, ForceReflex
 from np_franka.arm import Arm
 from np_franka.checklist import Checklist
 from np_franka.driver import Driver
-from np_franka.limits import Collision
 from np_franka.onboard import Onboard
 from np_franka.robots import ROBOTS
 from np_ros.node import parameter
@@ -45,14 +45,14 @@ def declare(node: Node) -> tuple[Settings, Driver]:
     stiffness, ratio = _gains(node)
     checklist = _checklist(node, settings, stiffness, ratio, robot.limits)
     onboard = _onboard(node, stiffness, ratio, robot.limits)
-    collision = _collision(node)
+    reflex = _force_reflex(node)
     if not settings.hostname:
         raise ValueError("parameter hostname: expected the robot's address, got none")
     robot.load()  # a missing package is told before anything is connected
     arm = Arm(
         partial(robot.open, settings.hostname, enforce_realtime=settings.realtime == "enforce"),
-        collision.torques(robot.limits),
-        collision.wrench(),
+        reflex.torques(robot.limits.torque),
+        reflex.wrench(),
     )
     return settings, Driver(arm, robot.limits, checklist, onboard if settings.control == "onboard" else None)
 
@@ -128,17 +128,16 @@ def _onboard(node: Node, stiffness: np.ndarray, ratio: float, limits: SafetyLimi
     return Onboard(config, limits, round(timeout * SECOND))
 
 
-def _collision(node: Node) -> Collision:
-    default = Collision()
-    return Collision(
+def _force_reflex(node: Node) -> ForceReflex:
+    return ForceReflex(
         parameter(
             node,
             "collision_torque",
-            default.torque,
+            FORCE_REFLEX.torque,
             "External torque of a joint, as a share of its torque limit, at which the robot stops itself.",
             0.05,
             1.0,
         ),
-        parameter(node, "collision_force", default.force, "The same for the hand's force, N.", 5.0, 100.0),
-        parameter(node, "collision_moment", default.moment, "The same for its moment, Nm.", 1.0, 50.0),
+        parameter(node, "collision_force", FORCE_REFLEX.force, "The same for the hand's force, N.", 5.0, 100.0),
+        parameter(node, "collision_moment", FORCE_REFLEX.moment, "The same for its moment, Nm.", 1.0, 50.0),
     )

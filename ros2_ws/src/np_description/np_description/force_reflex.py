@@ -1,0 +1,92 @@
+"""The force reflex: at which external force the arm stops itself, and how it estimates that force.
+
+One definition for the hardware driver, both simulators, `one_process` and training. Functions take NumPy arrays or PyTorch
+tensors of any leading shape and return the same kind.
+
+Sources. libfranka (`Robot::setCollisionBehavior`, `RobotState`) documents that the robot stops where the external torque of a
+joint or a component of the hand's wrench exceeds its upper threshold. It documents that both are estimates, that the torque is
+filtered (`tau_ext_hat_filtered`, `O_F_ext_hat_K`), and that `automaticErrorRecovery` leaves the stop. Not public are the
+observer, the filter's order and time constant, the damping near a singularity and the frame of the components. So this
+definition compares the norms of force and moment: they do not depend on a frame and are never less than a component.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp
+
+import numpy as np
+
+from np_common.rotations import namespace
+from np_description.panda import NOMINAL
+
+WRENCH_DAMPING = 0.02  # ours: 1 % of the wrench at singular value .2, the least of the Panda's Jacobian at `ready`
+
+
+@dataclass(frozen=True)
+class ForceReflex:
+    """Thresholds and filter. The thresholds are this project's choice, set on the robot by the driver.
+
+    libfranka's examples set 20 N and 20 Nm (`setDefaultBehavior`) for motion in free space, and 100 N and 100 Nm in
+    `cartesian_impedance_control.cpp` for motion in contact.
+    """
+
+    torque: float = 0.45
+    """Threshold of a joint's external torque, as a share of its torque limit."""
+    force: float = 40.0
+    """Threshold of the external force at the hand, N."""
+    moment: float = 12.0
+    """Threshold of the external moment about T_E, Nm."""
+    time_constant: float = 0.01
+    """Time constant of the first-order filter, s. Assumed: the robot's own is not public."""
+
+    def torques(self, limit: np.ndarray = NOMINAL.torque_limit) -> np.ndarray:
+        """Threshold (7,) Nm of each joint, for torque limits (7,) Nm."""
+        return self.torque * limit
+
+    def wrench(self) -> np.ndarray:
+        """Thresholds (6,) N, Nm of the components of force and moment, as `setCollisionBehavior` takes them."""
+        return np.repeat([self.force, self.moment], 3)
+
+
+FORCE_REFLEX = ForceReflex()
+
+
+def external_torque(measured, model):
+    """External torque (..., 7) Nm: measured joint torque minus the model's for the same motion without contact."""
+    return measured - model
+
+
+def hand_wrench(torque, jacobian, damping: float = WRENCH_DAMPING):
+    """Wrench (..., 6) N, Nm at the point of `jacobian` (..., 6, 7), in its axes, that explains joint torques (..., 7) Nm best.
+
+    Damped least squares of J^T w = torque: near a singularity the wrench stays below |torque| / (2 damping).
+    """
+    xp = namespace(torque)
+    transposed = xp.swapaxes(jacobian, -1, -2)
+    identity = np.eye(6) if xp is np else xp.eye(6, dtype=torque.dtype, device=torque.device)
+    normal = jacobian @ transposed + damping**2 * identity
+    right = jacobian @ torque[..., None]
+    # solve_ex skips the error check, which would stop the GPU's stream; the damping keeps every system regular.
+    solution = np.linalg.solve(normal, right) if xp is np else xp.linalg.solve_ex(normal, right)[0]
+    return solution[..., 0]
+
+
+def filter_step(filtered, raw, dt: float, reflex: ForceReflex = FORCE_REFLEX):
+    """Next value of the first-order low-pass filter, for a raw value that is constant over dt s. Any shape."""
+    return filtered + (1.0 - exp(-dt / reflex.time_constant)) * (raw - filtered)
+
+
+def threshold_share(torque, wrench, reflex: ForceReflex = FORCE_REFLEX):
+    """Largest share (...) of a threshold that filtered torque (..., 7) Nm and wrench (..., 6) N, Nm reach; the arm stops above 1.
+
+    A reflex with thresholds scaled by s stops above s.
+    """
+    xp = namespace(torque)
+    limits = reflex.torques()
+    if xp is not np:
+        limits = xp.as_tensor(limits, dtype=torque.dtype, device=torque.device)
+    joints = xp.amax(xp.abs(torque) / limits, -1)
+    force = (wrench[..., :3] ** 2).sum(-1) ** 0.5 / reflex.force
+    moment = (wrench[..., 3:] ** 2).sum(-1) ** 0.5 / reflex.moment
+    return xp.maximum(joints, xp.maximum(force, moment))
