@@ -24,7 +24,7 @@ def explained(q, wrench):
 
 
 def test_a_wrench_at_the_hand_is_found_from_the_joints_torques():
-    found = hand_wrench(external_torque(explained(POSES, WRENCHES) + 3.0, 3.0), jacobian(POSES))
+    found = hand_wrench(external_torque(-explained(POSES, WRENCHES) + 3.0, 3.0), jacobian(POSES))
     np.testing.assert_allclose(found, WRENCHES, atol=1.5)
 
 

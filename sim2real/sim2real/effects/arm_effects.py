@@ -27,6 +27,8 @@ class ArmEffects:
     patch: one, and every array below is (7,), or (n, 7) for as many arms as that; or a sequence of S, and they are (S, 7).
     period: s of a control period, in which `drive`, `extra` and `sense` are called once each. seed: of lost packets, the same
     ones in all arms. begin: s for which the arms had been moving, a number or (S,). arrays: NumPy's, or others.
+
+    `friction` Nm is what of the last `extra` is friction of the joints, positive against the motion.
     """
 
     def __init__(
@@ -72,6 +74,7 @@ class ArmEffects:
         torque = namespace(q).zeros_like(q)
         for resist in self._resist:
             torque = torque - resist(q, dq)
+        self.friction = -torque
         return torque if self._left_over is None else torque + self._left_over(q)
 
     def sense(self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

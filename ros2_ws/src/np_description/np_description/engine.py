@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Protocol
 
 import mujoco
@@ -33,6 +34,10 @@ class Engine(Protocol):
     def configuration(self) -> np.ndarray:
         """Generalised positions (nq,) of `model`: 7 joints, 2 fingers, position and quaternion wxyz of the object,
         and where its parts are, if it has any, m."""
+
+    def pressing(self) -> Mapping[str, float]:
+        """Sum of the contact forces N in the last physics step on each part of the robot that something presses on: finger,
+        housing, link (`np_description.contact.penetration.kind_of`). For the record only: nothing is decided by it."""
 
     def step(self, torque: np.ndarray, extra: np.ndarray, opening: float) -> None:
         """One control period: the drives give `torque` (7,) Nm within their limits, `extra` (7,) Nm acts on the joints besides

@@ -51,10 +51,14 @@ class ForceReflex:
 
 FORCE_REFLEX = ForceReflex()
 
+STOP, OBSERVE = MODES = "stop", "observe"
+"""What a simulated arm does above a threshold: it stops as the robot does, or only counts the stop."""
+DEFAULT_MODE = OBSERVE
+
 
 def external_torque(measured, model):
-    """External torque (..., 7) Nm: measured joint torque minus the model's for the same motion without contact."""
-    return measured - model
+    """External torque (..., 7) Nm on the joints: what the model needs for the motion without contact, minus what was measured."""
+    return model - measured
 
 
 def hand_wrench(torque, jacobian, damping: float = WRENCH_DAMPING):

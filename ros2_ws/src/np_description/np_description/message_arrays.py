@@ -94,6 +94,16 @@ def pose_arrays(message, frame_id: str) -> tuple[np.ndarray, np.ndarray]:
     return position, wxyz_from_xyzw(xyzw)
 
 
+def wrench_array(message, frame_id: str) -> np.ndarray:
+    """Force N and moment Nm (6,) of a WrenchStamped that must be given in `frame_id`."""
+    if message.header.frame_id != frame_id:
+        raise BadMessage(
+            "frame", f"WrenchStamped.header.frame_id: expected '{frame_id}', got '{message.header.frame_id}'"
+        )
+    f, m = message.wrench.force, message.wrench.torque
+    return check_finite(np.array([f.x, f.y, f.z, m.x, m.y, m.z]), "WrenchStamped.wrench")
+
+
 def trajectory_arrays(message, names: Sequence[str]) -> Arrays:
     """(times (n,) s, positions (n, joints), velocities (n, joints)); times are not negative and increase."""
     check_names(message.joint_names, names, "JointTrajectory.joint_names")

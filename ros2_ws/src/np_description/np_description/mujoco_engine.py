@@ -6,7 +6,9 @@ import mujoco
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
+from np_description.contact.depths import PUSHERS
 from np_description.contact.model import ContactModel
+from np_description.contact.penetration import kind_of
 from np_description.control_rate import PERIOD_NS, SECOND_NS
 from np_description.domains import Domain, Pose
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES, PandaModel
@@ -39,6 +41,7 @@ class MujocoEngine:
         self._motors = np.array([self.model.actuator(name).id for name in JOINT_NAMES])
         self._fingers = np.array([self.model.actuator(name).id for name in STATE_NAMES[len(JOINT_NAMES) :]])
         self._object = int(self.model.joint(OBJECT).qposadr[0])
+        self._kinds = [kind_of(self.model.geom(geom).name) for geom in range(self.model.ngeom)]
 
     def reset(self, start: Pose) -> None:
         """As in Engine."""
@@ -64,6 +67,16 @@ class MujocoEngine:
     def configuration(self) -> np.ndarray:
         """As in Engine."""
         return self.data.qpos.copy()
+
+    def pressing(self) -> dict[str, float]:
+        """As in Engine."""
+        found: dict[str, float] = {}
+        force = np.zeros(6)
+        for number, contact in enumerate(self.data.contact):
+            mujoco.mj_contactForce(self.model, self.data, number, force)
+            for kind in {self._kinds[geom] for geom in contact.geom} & {*PUSHERS}:
+                found[kind] = found.get(kind, 0.0) + float(np.linalg.norm(force[:3]))
+        return found
 
     def step(self, torque: np.ndarray, extra: np.ndarray, opening: float) -> None:
         """As in Engine; what is named is MuJoCo's warning."""

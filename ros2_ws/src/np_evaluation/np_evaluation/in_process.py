@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +20,13 @@ from np_control.safety import Refusal, SafetyFilter
 from np_description.camera import CAMERA
 from np_description.domains import Domain, find_domain
 from np_description.engine import MakeEngine
+from np_description.force_reflex import DEFAULT_MODE
 from np_description.mujoco_engine import MujocoEngine
 from np_description.panda import JOINT_NAMES
 from np_description.phases import FAULT, POST, PRE, PhaseState
 from np_evaluation.corrections import CorrectedDriver, CorrectedView, corrections
 from np_evaluation.keypoint_projector import DetectorEyes
-from np_evaluation.scoring import Result, result_of
+from np_evaluation.scoring import Result, engine_version, result_of
 from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints
 from np_perception.seen_corners import SeenCorners
 from np_planning.approach import plan_approach
@@ -53,7 +55,7 @@ def engine_called(name: str) -> MakeEngine:
 class OneProcess:
     """A domain's graph as one object. alone: contacts are chosen as if the object had the size that the weights know; patch: what arm,
     scene and view have that policies and planner do not know of; corrected: what detector and driver are told of it (`np_evaluation.corrections`);
-    weights: folder, "" for the project's own; keypoints: truth or camera."""
+    weights: folder, "" for the project's own; keypoints: truth or camera; force_reflex: stop or observe."""
 
     def __init__(
         self,
@@ -67,10 +69,12 @@ class OneProcess:
         corrected: Patch = Patch(),
         weights: str | Path = "",
         keypoints: str = "truth",
+        force_reflex: str = DEFAULT_MODE,
     ):
         self._told = corrections(corrected)
         self._domain, self._seed, self._contacts, self._patch = domain, seed, contacts, patch
-        self._engine = engine_called(engine)
+        self._engine, self._force_reflex = engine_called(engine), force_reflex
+        self._engine_named = {"engine": engine, "engine_version": engine_version(engine)}
         chosen_for = find_domain(domain.name) if alone else domain
         self._pre = PreContactPlanner(weights_file(PRE_CONTACT, domain, weights), chosen_for)
         self._post = PostContactController(weights_file(POST_CONTACT, domain, weights), domain)
@@ -111,6 +115,7 @@ class OneProcess:
             scenario=scenario,
             camera=CameraEffects(self._patch, CAMERA, self._seed).camera if self._images else CAMERA,
             patch=self._patch,
+            force_reflex=self._force_reflex,
         )
         eyes = self._eyes()
         view, driver = CorrectedView(self._told, self._domain), CorrectedDriver(self._told)
@@ -135,8 +140,11 @@ class OneProcess:
             answer = controller.answer()
             guard.offer(now.stamp, JOINT_NAMES, answer.position, answer.velocity, answer.torque, now=now.stamp)
             arm.step(driver.drive(guard.apply(now.stamp, q, dq).torque, q, dq))
+            if arm.reflex:
+                guard.fault(arm.reflex)
         outcome = score(self._domain, said, arm.object_pose(), arm.task.goal, arm.stamp / SECOND)
-        return result_of(number, outcome, time.monotonic() - began)
+        result = result_of(number, outcome, time.monotonic() - began, force=arm.force.figures)
+        return replace(result, **self._engine_named)
 
     def _eyes(self) -> Eyes | DetectorEyes:
         if self._images is None:

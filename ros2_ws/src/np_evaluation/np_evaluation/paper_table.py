@@ -171,7 +171,18 @@ def episodes(played: Iterable[Played]) -> list[dict[str, object]]:
 
 def _total(group: Sequence[Played]) -> dict[str, object]:
     results = [result for one in group for result in one.results]
-    told = ("success", "ci95", "first_contact", "failures", "declared_wrongly", "missed")
+    told = (
+        "success",
+        "ci95",
+        "first_contact",
+        "failures",
+        "declared_wrongly",
+        "missed",
+        "force_n",
+        "raw_peak_n",
+        "peak_by",
+        "reflex_stops",
+    )
     figures = {name: value for name, value in summary(results).items() if name in told}
     return {
         "successes": sum(r.success for r in results),

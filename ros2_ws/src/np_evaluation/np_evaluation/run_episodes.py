@@ -12,7 +12,7 @@ from typing import Protocol
 from np_common.cli import new_folder
 from np_description.phases import FAULT
 from np_evaluation.results import Part
-from np_evaluation.scoring import Result, breakdown, result_of
+from np_evaluation.scoring import Result, breakdown, engine_version, result_of
 from np_ros.processes.supervisor import NodeDied
 
 
@@ -42,7 +42,7 @@ def play(
     """
     from np_evaluation.commands.common import running_graph
 
-    number = numbers.start
+    number, stamp = numbers.start, engine_version(request.engine)
     while number < numbers.stop:
         logs = new_folder(request.out / "log")
         arguments = {**request.arguments, "first_episode": str(number)}
@@ -50,7 +50,7 @@ def play(
             whole = True
             while whole and number < numbers.stop:
                 result, whole = _run_one(conductor, number, request.record)
-                results.add(replace(result, engine=request.engine))
+                results.add(replace(result, engine=request.engine, engine_version=stamp))
                 number += 1
         if not whole:
             print(f"episode {number - 1}: {result.reason}\nlogs are in {logs}", file=sys.stderr)
@@ -76,5 +76,5 @@ def _run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
     except (NodeDied, GraphError, TimeoutError) as error:
         return breakdown(number, str(error), time.monotonic() - began), False
     return result_of(
-        number, outcome, time.monotonic() - began, conductor.depths, conductor.limit_shares
+        number, outcome, time.monotonic() - began, conductor.depths, conductor.limit_shares, conductor.force
     ), outcome.declared != FAULT

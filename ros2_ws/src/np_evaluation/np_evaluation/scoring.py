@@ -7,7 +7,8 @@ import os
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from np_common.intervals import wilson_interval
+from np_control import force_watch
+from np_control.force_watch import ForceFigures
 from np_description import limit_share
 from np_description.contact.depths import Tally
 from np_description.phases import SUCCEEDED
@@ -58,13 +61,21 @@ class Result:
     contacts: int = field(default=1, kw_only=True)
     depths: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     limit_shares: Sequence[Sequence[float]] = field(default_factory=list)
+    force: Mapping[str, object] = field(default_factory=dict)
+    """`np_control.force_watch.ForceFigures` as a mapping; empty where the backend estimates no external force."""
+    engine_version: str = field(default="", kw_only=True)
 
 
 def result_of(
-    episode: int, outcome: Outcome, wall_s: float, depths: Tally | None = None, shares: np.ndarray | None = None
+    episode: int,
+    outcome: Outcome,
+    wall_s: float,
+    depths: Tally | None = None,
+    shares: np.ndarray | None = None,
+    force: ForceFigures | None = None,
 ) -> Result:
-    """The result of an episode that came to an end, how deep things were in each other, and the shares (3, 7) of its limits that
-    the arm came to."""
+    """The result of an episode that came to an end, how deep things were in each other, the shares (3, 7) of its limits that
+    the arm came to, and the external force on it."""
     return Result(
         episode,
         outcome.success,
@@ -77,6 +88,7 @@ def result_of(
         round(wall_s, 2),
         depths.as_dict() if depths else {},
         [] if shares is None else shares.round(4).tolist(),
+        asdict(force) if force else {},
         contacts=outcome.contacts,
     )
 
@@ -93,7 +105,8 @@ def summary(results: list[Result]) -> dict[str, object]:
     own interval; failures: number by phase; declared_wrongly: episodes the
     graph took for a success that were none; missed: true successes that it did not declare; depth_mm: how deep shapes were in
     each other, fingertips apart, by pair, and the share of the time in which housing or links pushed; limit_share: how much of the
-    arm's limits of speed, torque and range the episodes came to.
+    arm's limits of speed, torque and range the episodes came to; force_n, raw_peak_n, touching_n, peak_by, reflex_stops, force_episodes: the external
+    force, as in `np_control.force_watch.summary`.
     """
     successes = sum(r.success for r in results)
     again = max((r.contacts for r in results), default=1) > 1
@@ -108,6 +121,7 @@ def summary(results: list[Result]) -> dict[str, object]:
         "missed": sum(r.declared != SUCCEEDED and r.success for r in results),
         "depth_mm": Tally.summary(Tally(r.depths) for r in results).as_dict(),
         "limit_share": limit_share.summary(np.array(r.limit_shares) for r in results if r.limit_shares),
+        **force_watch.summary(ForceFigures(**r.force) for r in results if r.force),
         "wall_s": round(sum(r.wall_s for r in results), 1),
     }
 
@@ -127,6 +141,15 @@ def _rate(successes: int, episodes: int) -> dict[str, object]:
         "success": round(successes / episodes, 4) if episodes else None,
         "ci95": [round(bound, 4) for bound in wilson_interval(successes, episodes)],
     }
+
+
+def engine_version(engine: str) -> str:
+    """What identifies the physics of mujoco or physx: the library's version, and of PhysX that of our frozen scene."""
+    if engine == "mujoco":
+        return f"mujoco {version('mujoco')}"
+    from np_physx_bridge.engine import VERSION
+
+    return f"physx {VERSION} (sapien {version('sapien')})"
 
 
 def code_sha256() -> str:

@@ -8,6 +8,7 @@ from math import isfinite
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
+from np_description.contact.depths import PUSHERS
 from np_description.contact.model import HARD, ContactModel
 from np_description.domains import Domain, Pose
 from np_description.panda import (
@@ -23,6 +24,10 @@ from np_description.scene_change import UNCHANGED, SceneChange
 from np_physx_bridge.library import sapien
 from np_physx_bridge.scene import STICTION, Translator, scene, steps_for
 from np_sim_bridge.schedule import PERIOD, SECOND
+
+VERSION = "1"
+"""Of this engine's behaviour, which is frozen: it stands in every row of an evaluation. A change of the behaviour takes a bench
+against theory that fails before, never a task, and a new number (`tests/np_physx_bridge/test_frozen.py`)."""
 
 
 class PhysxEngine:
@@ -75,6 +80,7 @@ class PhysxEngine:
         if self._parts is not None:
             self._parts.set_root_pose(self._sapien.Pose(start.position, start.quaternion))
         order = [joint.name for joint in self.articulation.get_active_joints()]
+        self._kinds = translator.kinds
         self._dofs = len(order)
         # In PhysX's order; where nothing is asked for it stays none.
         self._force = np.zeros(len(order), dtype=np.float32)
@@ -124,6 +130,15 @@ class PhysxEngine:
         pose = self.object_pose()
         parts = [] if self._parts is None else np.asarray(self._parts.get_qpos(), float)[self._part_order]
         return np.concatenate([self._position, pose.position, pose.quaternion, parts])
+
+    def pressing(self) -> dict[str, float]:
+        """As in Engine."""
+        found: dict[str, float] = {}
+        for contact in self._system.get_contacts():
+            force = sum((float(np.linalg.norm(point.impulse)) for point in contact.points), 0.0) / self._timestep
+            for kind in {self._kinds[shape] for shape in contact.shapes} & {*PUSHERS}:
+                found[kind] = found.get(kind, 0.0) + force
+        return {kind: force for kind, force in found.items() if force > 0}
 
     def step(self, torque: np.ndarray, extra: np.ndarray, opening: float) -> None:
         """As in Engine."""

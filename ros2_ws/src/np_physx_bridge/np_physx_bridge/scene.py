@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from np_description.contact.model import RUBBER_STIFFNESS, ContactModel
+from np_description.contact.penetration import kind_of
 from np_description.scene import OBJECT, TIP
 from np_physx_bridge.shapes import (
     along,
@@ -71,11 +72,15 @@ def scene(library: ModuleType, timestep: float):
 
 
 class Translator:
-    """Builds the parts of a scene from a compiled model whose frictions are those of `contact`."""
+    """Builds the parts of a scene from a compiled model whose frictions are those of `contact`.
+
+    `kinds` says of every shape what it is a part of (`np_description.contact.penetration.kind_of`).
+    """
 
     def __init__(self, library: ModuleType, model: mujoco.MjModel, contact: ContactModel):
         self._sapien, self._physx = library, library.physx
         self._model, self._contact = model, contact
+        self.kinds: dict[object, str] = {}
 
     def surroundings(self):
         """What does not move, as one entity."""
@@ -247,6 +252,7 @@ class Translator:
                 shape.set_contact_offset(offset)
                 shape.set_rest_offset(0.0)
                 component.attach(shape)
+                self.kinds[shape] = kind_of(model.geom(geom).name)
 
     def _shapes(self, geom: int, material) -> list:
         """The shapes of one geom, where it stands on its body."""

@@ -12,7 +12,13 @@ from np_description.contact.depths import PAIRS
 from np_description.contact.penetration import Penetration
 from np_description.domains import Domain, Pose, pose_error
 from np_description.keypoints import box_keypoints
-from np_description.message_arrays import image_array, joint_state_arrays, keypoints_array, pose_arrays
+from np_description.message_arrays import (
+    image_array,
+    joint_state_arrays,
+    keypoints_array,
+    pose_arrays,
+    wrench_array,
+)
 from np_description.objects.choice import recorded_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.phases import PRE, PhaseState
@@ -42,7 +48,8 @@ class EpisodeData:
     position, velocity, effort: joints (n, 7) rad, rad/s, Nm measured; command: torque (n, 7) Nm asked for; target: (n, 7)
     rad; object_position (n, 3) m, object_quaternion (n, 4) wxyz; keypoints (n, 8, 3) u, v px, score;
     keypoint_error (n, 8) px to the projected truth of the same stamp; depths: by pair, how deep (n,) m
-    shapes are in each other, 0 where they do not touch; phases: (time s, phase); counts by topic; duration s.
+    shapes are in each other, 0 where they do not touch; wrench (n, 6) N, Nm: filtered external wrench on the hand, n = 0 in a recording
+    without one; phases: (time s, phase); counts by topic; duration s.
     """
 
     domain: Domain
@@ -50,6 +57,7 @@ class EpisodeData:
     position: Series
     velocity: Series
     effort: Series
+    wrench: Series
     command: Series
     target: Series
     object_position: Series
@@ -69,7 +77,15 @@ class EpisodeData:
 def load_episode(recording: Recording) -> EpisodeData:
     """The first episode of a recording. Raises BagError where what a report needs is missing."""
     start = recording.start
-    topics = ("joint_states", "effort_command", "object_pose", "keypoints", "goal_pose", *PHASE_TOPICS)
+    topics = (
+        "joint_states",
+        "effort_command",
+        "object_pose",
+        "keypoints",
+        "goal_pose",
+        "external_wrench",
+        *PHASE_TOPICS,
+    )
     collected: dict[str, list[Message]] = {name: [] for name in topics}
     for message in recording.messages(*collected):
         collected[message.topic.name].append(message)
@@ -85,6 +101,7 @@ def load_episode(recording: Recording) -> EpisodeData:
     states = series("joint_states", lambda m: joint_state_arrays(m, STATE_NAMES), (3, 9))
     commands = series("effort_command", lambda m: joint_state_arrays(m, JOINT_NAMES), (3, 7))
     poses = series("object_pose", lambda m: np.concatenate(pose_arrays(m, BASE_FRAME)), (7,))
+    wrench = series("external_wrench", lambda m: wrench_array(m, BASE_FRAME), (6,))
     keypoints = series("keypoints", keypoints_array, (8, 3))
     domain = recorded_domain(recording.information)
     goal = Pose(*pose_arrays(collected["goal_pose"][0].decode(), BASE_FRAME))
@@ -101,6 +118,7 @@ def load_episode(recording: Recording) -> EpisodeData:
         position=Series(states.time, states.values[:, 0, :7]),
         velocity=Series(states.time, states.values[:, 1, :7]),
         effort=Series(states.time, states.values[:, 2, :7]),
+        wrench=wrench,
         target=Series(commands.time, commands.values[:, 0]),
         command=Series(commands.time, commands.values[:, 2]),
         object_position=Series(poses.time, poses.values[:, :3]),

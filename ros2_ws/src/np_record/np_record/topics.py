@@ -24,6 +24,7 @@ TOPICS = (
     # Causal order: that in which messages of the same stamp follow from each other.
     Topic("clock", "rosgraph_msgs/msg/Clock"),
     Topic("joint_states", "sensor_msgs/msg/JointState"),
+    Topic("external_wrench", "geometry_msgs/msg/WrenchStamped"),
     Topic("motor_states", "sensor_msgs/msg/JointState"),
     Topic("camera/image_raw", "sensor_msgs/msg/Image"),
     Topic("camera/camera_info", "sensor_msgs/msg/CameraInfo"),

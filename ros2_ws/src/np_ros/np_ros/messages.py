@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Vector3, Wrench, WrenchStamped
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2, PointField
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
@@ -88,6 +88,13 @@ def pose_message(stamp: int, frame_id: str, position, quaternion) -> PoseStamped
     qx, qy, qz, qw = xyzw_from_wxyz(check_shape(quaternion, (4,), "quaternion")).tolist()
     pose = Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
     return PoseStamped(header=header_message(stamp, frame_id), pose=pose)
+
+
+def wrench_message(stamp: int, frame_id: str, wrench) -> WrenchStamped:
+    """geometry_msgs/WrenchStamped of a wrench (6,), force N then moment Nm, in the axes of `frame_id`."""
+    fx, fy, fz, mx, my, mz = check_shape(wrench, (6,), "wrench").tolist()
+    parts = Wrench(force=Vector3(x=fx, y=fy, z=fz), torque=Vector3(x=mx, y=my, z=mz))
+    return WrenchStamped(header=header_message(stamp, frame_id), wrench=parts)
 
 
 def trajectory_message(stamp: int, names: Sequence[str], times, positions, velocities) -> JointTrajectory:

@@ -13,9 +13,12 @@ import numpy as np
 from sim2real.effects.arm_effects import ArmEffects
 from sim2real.effects.patch import Patch
 
+from np_control.external_force import ForceObserver
+from np_control.force_watch import ForceWatch
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose, sample_task
 from np_description.engine import MakeEngine
+from np_description.force_reflex import DEFAULT_MODE
 from np_description.mujoco_engine import MujocoEngine
 from np_description.objects.scenarios import fixed_task
 from np_description.panda import FINGER_MAX, FINGER_SPEED
@@ -54,7 +57,10 @@ class Simulation:
     seed: together with an episode number it names a task; scenario: a fixed one instead, of which they name the scatter, 0 for
     none (np_description.objects.scenarios); first_episode: the task that stands there at the
     beginning; substeps: physics steps in a control period of 2 ms; camera: the one in the scene; patch: effects
-    that nominal arm and scene lack; engine: builds the physics.
+    that nominal arm and scene lack; engine: builds the physics; force_reflex: stop or observe.
+
+    `force` follows the external force that the robot would estimate, and `reflex` says why the arm must stop, "" for no reason:
+    the owner of the guards makes a fault of it.
     """
 
     def __init__(
@@ -68,11 +74,13 @@ class Simulation:
         camera: Camera = CAMERA,
         patch: Patch = Patch(),
         engine: MakeEngine = MujocoEngine,
+        force_reflex: str = DEFAULT_MODE,
     ):
         self.domain = domain
         self._change = patch.scene_change()
         self.engine = engine(domain, substeps=substeps, camera=camera, panda=patch.panda(), change=self._change)
         self._patch, self._seed, self._scenario = patch, seed, scenario
+        self._observer, self.force = ForceObserver(PERIOD / SECOND, patch.panda()), ForceWatch(force_reflex)
         self.stamp = 0
         self.reset(first_episode, 0)
 
@@ -97,6 +105,9 @@ class Simulation:
         self._opening = self._led = 0.0  # m: where the fingers shall be, and how far they have been led
         self._effects = ArmEffects(self._patch, PERIOD / SECOND, self._seed) if self._patch.arm.effects else None
         self._measured: Measurement | None = None
+        self._observer.reset()
+        self.force.reset()
+        self.reflex = ""
         self.stamp = stamp
         self.task = Task(episode, start, goal)
         return self.task
@@ -112,6 +123,11 @@ class Simulation:
             )
             self._measured = Measurement(self.stamp, position, velocity, effort)
         return self._measured
+
+    @property
+    def wrench(self) -> np.ndarray:
+        """Filtered external wrench (6,) N, Nm on the hand as the robot estimates it, about T_E, base axes."""
+        return self._observer.last.wrench
 
     @property
     def held_back(self) -> tuple[str, ...]:
@@ -142,14 +158,19 @@ class Simulation:
 
         Raises FloatingPointError if the physics diverged, naming what the engine says.
         """
-        extra = _NOTHING
+        extra = friction = _NOTHING
+        position, velocity, _ = self.engine.joints()
+        q, dq = position[:7], velocity[:7]
         if self._effects is not None:
-            position, velocity, _ = self.engine.joints()
-            torque = self._effects.drive(torque, position[:7])
-            extra = self._effects.extra(position[:7], velocity[:7])
+            torque = self._effects.drive(torque, q)
+            extra = self._effects.extra(q, dq)
+            friction = self._effects.friction
         self._led += min(max(self._opening - self._led, -_TRAVEL), _TRAVEL)
         self.stamp += PERIOD
         try:
             self.engine.step(torque, extra, self._led)
         except FloatingPointError as error:
             raise FloatingPointError(f"simulation diverged at {self.stamp} ns: {error}") from error
+        _, velocity, effort = self.engine.joints()
+        estimate = self._observer.update(q, dq, velocity[:7], effort[:7] - friction)
+        self.reflex = self.force.add(estimate, self.engine.pressing)

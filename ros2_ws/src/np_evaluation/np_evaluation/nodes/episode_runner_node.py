@@ -14,6 +14,7 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2
 
+from np_control.force_watch import ForceFigures, read_figures
 from np_description.contact.depths import Tally
 from np_description.contact.penetration import Penetration
 from np_description.domains import Domain, Pose
@@ -31,6 +32,7 @@ from np_ros.processes.graph import NodeSpec
 from np_ros.processes.supervisor import Supervisor
 
 _QUIET = 0.1  # s
+_DIAGNOSED = 1.5  # s of wall time, in which diagnostics come at least once
 _KEPT = 50  # states that wait for the pose of their stamp
 
 
@@ -63,6 +65,7 @@ class Conductor(Participant):
         self._heard: list[bytes] = []  # every state of the episode
         self._states: dict[int, bytes] = {}
         self._waiting: dict[int, Pose] = {}
+        self._backend_says: dict[str, str] = {}  # values of its newest diagnostics
         node, stream = self._node, qos.LOCKSTEP if lockstep else qos.REALTIME_SUBSCRIBER
         # Each of several in a row: contacts are counted by them.
         node.create_subscription(DiagnosticArray, "episode/phase", self._receive_phase, qos.RECORDER_LATCHED)
@@ -70,6 +73,7 @@ class Conductor(Participant):
         node.create_subscription(PointCloud2, "goal_keypoints", self._receive_goal_keypoints, qos.LATCHED)
         node.create_subscription(PoseStamped, "object_pose", self._receive_pose, stream)
         node.create_subscription(DiagnosticArray, "episode/tick", self._receive_tick, stream)
+        node.create_subscription(DiagnosticArray, "diagnostics", self._receive_diagnostics, qos.RECORDER)
         node.create_subscription(JointState, "joint_states", self._receive_state, stream, raw=True)
 
     def listen(self, seconds: float) -> None:
@@ -131,6 +135,7 @@ class Conductor(Participant):
             self._wait(lambda: self._has_ended, SERVICE_TIMEOUT, "the end of the episode")
         self._wait(lambda: self._poses, SERVICE_TIMEOUT, "object_pose")
         self._hear_out()
+        self._hear_backend()
         ended, pose = self._poses[-1]
         return score(self._domain, self._phases, pose, goal, (ended - began) / 1e9)
 
@@ -144,6 +149,12 @@ class Conductor(Participant):
         """The largest shares (3, 7) of the arm's limits that its joints came to in the last episode (np_description.limit_share)."""
         values = joint_state_rows(self._heard, JOINT_NAMES)
         return limit_shares(*values.transpose(1, 0, 2)).max(1, initial=0.0)
+
+    @property
+    def force(self) -> ForceFigures | None:
+        """The external force of the last episode; None where the backend does not estimate it."""
+        text = self._backend_says.get("external_force")
+        return read_figures(text) if text else None
 
     def recover(self, timeout: float = SERVICE_TIMEOUT) -> None:
         """Make a backend that has stopped follow commands again, once the arm rests. Raises GraphError."""
@@ -163,6 +174,17 @@ class Conductor(Participant):
         while self._lockstep and len(self._poses) > heard:
             heard = len(self._poses)
             self.listen(_QUIET)
+
+    def _hear_backend(self) -> None:
+        """Wait for diagnostics of the backend as late as the last pose, a second and a half at most: not every backend has a stamp."""
+        ended, deadline = self._poses[-1][0], time.monotonic() + _DIAGNOSED
+        late = lambda: int(self._backend_says.get("stamp", 0)) >= ended  # noqa: E731
+        self._wait(lambda: late() or time.monotonic() > deadline, SERVICE_TIMEOUT, "diagnostics of the backend")
+
+    def _receive_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.lstrip("/") == self._backend:
+                self._backend_says = {value.key: value.value for value in status.values}
 
     def _receive_phase(self, message: DiagnosticArray) -> None:
         self._phases.append(phase_state(message))

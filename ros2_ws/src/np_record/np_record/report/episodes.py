@@ -11,6 +11,7 @@ import numpy as np
 
 from np_common.html_pages import page
 from np_common.intervals import wilson_interval
+from np_description.force_reflex import FORCE_REFLEX
 from np_description.panda import NOMINAL
 from np_description.phases import PhaseState
 from np_record.bag import Recording
@@ -66,6 +67,9 @@ class Section:
                 f"{100 * torque.max():.0f} % of a joint's limit" if len(torque) else "no command",
             ),
         ]
+        if len(episode.wrench):
+            force = np.linalg.norm(episode.wrench.values[:, :3], axis=1).max()
+            facts.append(("largest external force", f"{force:.0f} N; the robot stops at {FORCE_REFLEX.force:g} N"))
         if len(episode.keypoint_error):
             facts.append(
                 (
@@ -91,6 +95,7 @@ def make_section(bag: str | Path, video_file: Path | None = None) -> Section:
         drawn = {
             "Distance and angle to the goal": plots.progress_plot(episode),
             "Commanded torque": plots.torque_plot(episode),
+            **({"External force": plots.force_plot(episode)} if len(episode.wrench) else {}),
             "Joint speed": plots.speed_plot(episode),
             "Joint tracking": plots.tracking_plot(episode),
             "Depth of contact": plots.depth_plot(episode),

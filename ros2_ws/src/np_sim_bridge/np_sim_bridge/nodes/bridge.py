@@ -70,6 +70,7 @@ class Bridge(Node):
             camera=view.camera,
             patch=patch,
             engine=engine,
+            force_reflex=settings.force_reflex,
         )
         self._filter = SafetyFilter()
         self._next_episode = settings.first_episode
@@ -86,6 +87,8 @@ class Bridge(Node):
         self.diagnostics.values.update(
             mode=settings.mode, domain=settings.domain.name, seed=settings.seed, effects=settings.effects or "none"
         )
+        self.diagnostics.values["force_reflex"] = settings.force_reflex
+        self.diagnostics.values["external_force"] = self._simulation.force
         if ignored := self._simulation.ignored_effects:
             self.get_logger().warn(f"effects that a backend cannot carry: {', '.join(ignored)}")
         if settings.camera and (left_out := view.only_in_keypoints):
@@ -171,6 +174,8 @@ class Bridge(Node):
     def _on_phase(self, message: DiagnosticArray) -> None:
         if (state := self._read(phase_state, message)) is not None:
             self._armed = state.phase in ACTIVE_PHASES
+            if not self._armed:
+                self.diagnostics.publish()  # what the episode came to
             self._waiting_since = time.monotonic()
 
     def _read(self, read: Callable, part: object):
@@ -215,6 +220,8 @@ class Bridge(Node):
         measured = self._measured
         applied = self._filter.apply(measured.stamp, measured.position[:7], measured.velocity[:7])
         self._simulation.step(applied.torque)
+        if self._simulation.reflex:
+            self._filter.fault(self._simulation.reflex)
         self._publish_state()
         if measured.stamp % APPLIED_EVERY == 0:
             self._outlet.applied(measured.stamp, applied)
@@ -308,7 +315,7 @@ class Bridge(Node):
         self._measured = measured = simulation.measure()
         stamp, is_due = measured.stamp, self._schedule.is_image_due(measured.stamp)
         self._barrier.begin(stamp)
-        self._outlet.state(measured)
+        self._outlet.state(measured, simulation.wrench)
         if is_due:
             self._outlet.object_pose(stamp, simulation.object_pose())
         if self._camera is not None and not self._camera.see(stamp, simulation.configuration, is_due=is_due):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
@@ -18,7 +18,14 @@ from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.scene import CAMERA_NAME
 from np_ros import qos
 from np_ros.arrivals import Arrivals
-from np_ros.messages import camera_info_message, image_message, joint_state_message, pose_message, stamp_message
+from np_ros.messages import (
+    camera_info_message,
+    image_message,
+    joint_state_message,
+    pose_message,
+    stamp_message,
+    wrench_message,
+)
 from np_sim_bridge.schedule import SECOND
 from np_sim_bridge.simulation import Measurement
 
@@ -42,6 +49,7 @@ class Outlet:
         stream = qos.publisher(lockstep)
         heard = PublisherEventCallbacks(matched=lambda _: joined()) if lockstep else None
         self._joint_states = node.create_publisher(JointState, "joint_states", stream, event_callbacks=heard)
+        self._wrench = node.create_publisher(WrenchStamped, "external_wrench", stream)
         self._applied = node.create_publisher(JointState, "applied_command", stream)
         self._object_pose = node.create_publisher(PoseStamped, "object_pose", stream)
         self._clock = node.create_publisher(Clock, "clock", stream)
@@ -50,6 +58,7 @@ class Outlet:
         self._goal_pose = node.create_publisher(PoseStamped, "goal_pose", qos.LATCHED)
         streams = (
             self._joint_states,
+            self._wrench,
             self._applied,
             self._object_pose,
             self._clock,
@@ -62,14 +71,16 @@ class Outlet:
         """Whether everybody has what was said until not long before `stamp`."""
         return self._arrivals.are_recent(stamp)
 
-    def state(self, measured: Measurement) -> None:
-        """A new state of the arm, and its time."""
+    def state(self, measured: Measurement, wrench: np.ndarray) -> None:
+        """A new state of the arm, the external wrench (6,) N, Nm on it, and its time."""
         stamp = measured.stamp
         joints = joint_state_message(stamp, STATE_NAMES, measured.position, measured.velocity, measured.effort)
         self._joint_states.publish(joints)  # first, so that the controller thinks while the rest is sent
         clock = Clock(clock=stamp_message(stamp))
         self._clock.publish(clock)
-        self._state = [(self._joint_states, joints), (self._clock, clock)]
+        external = wrench_message(stamp, BASE_FRAME, wrench)
+        self._wrench.publish(external)
+        self._state = [(self._joint_states, joints), (self._clock, clock), (self._wrench, external)]
 
     def object_pose(self, stamp: int, pose: Pose) -> None:
         """Where the object truly is in the state that was said last."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from rclpy.node import Node
 
 from np_description.domains import Domain
+from np_description.force_reflex import DEFAULT_MODE, MODES
 from np_description.objects import scenarios
 from np_ros.node import parameter
 from np_ros.task_domain import declare_domain
@@ -36,6 +37,7 @@ class Settings:
     timeout: float
     priority: int
     effects: str
+    force_reflex: str
 
     @property
     def lockstep(self) -> bool:
@@ -84,4 +86,11 @@ def declare(node: Node) -> Settings:
         ),
         parameter(node, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90),
         parameter(node, "effects", "", "Patch file of effects that the nominal arm and its camera lack."),
+        parameter(
+            node,
+            "force_reflex",
+            DEFAULT_MODE,
+            "Above a threshold of external force: stop the arm as the robot does, or observe and count the stop.",
+            choices=MODES,
+        ),
     )
