@@ -10,12 +10,12 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from np_control.external_force import ExternalForce
-from np_description.force_reflex import DEFAULT_MODE, FORCE_REFLEX, MODES, STOP
+from np_description.force_reflex import COUNTED_FORCES, DEFAULT_MODE, FORCE_REFLEX, MODES, STOP
 
 REFLEX_CAUSE = "reflex: force"
 TOUCH = 3.0  # N of filtered force, from which on an arm counts as touching: joint friction at rest leaves errors of up to 2 N
-SCALES = {f"{force:g}": force / FORCE_REFLEX.force for force in (FORCE_REFLEX.force, 25.0)}
-"""Thresholds at which stops are counted, by their force in N, as a share of the reflex's: joints and moment are scaled with it."""
+SCALES = {f"{force:g}": force / FORCE_REFLEX.force for force in COUNTED_FORCES}
+"""Thresholds at which stops are counted, by their force in N, as a share of the reflex's."""
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,8 @@ class ForceReflex:
 
 
 FORCE_REFLEX = ForceReflex()
+COUNTED_FORCES = (FORCE_REFLEX.force, 25.0)
+"""Forces N at which evaluations count stops: the reflex's own, and a stricter one with joints and moment scaled alike."""
 
 STOP, OBSERVE = MODES = "stop", "observe"
 """What a simulated arm does above a threshold: it stops as the robot does, or only counts the stop."""

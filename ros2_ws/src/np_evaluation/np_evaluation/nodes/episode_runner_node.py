@@ -33,6 +33,7 @@ from np_ros.processes.supervisor import Supervisor
 
 _QUIET = 0.1  # s
 _DIAGNOSED = 1.5  # s of wall time, in which diagnostics come at least once
+_FORCE = "external_force"  # key of the backend's figures of an episode
 _KEPT = 50  # states that wait for the pose of their stamp
 
 
@@ -153,7 +154,7 @@ class Conductor(Participant):
     @property
     def force(self) -> ForceFigures | None:
         """The external force of the last episode; None where the backend does not estimate it."""
-        text = self._backend_says.get("external_force")
+        text = self._backend_says.get(_FORCE)
         return read_figures(text) if text else None
 
     def recover(self, timeout: float = SERVICE_TIMEOUT) -> None:
@@ -176,10 +177,15 @@ class Conductor(Participant):
             self.listen(_QUIET)
 
     def _hear_backend(self) -> None:
-        """Wait for diagnostics of the backend as late as the last pose, a second and a half at most: not every backend has a stamp."""
+        """Wait for diagnostics that are as late as the last pose, of a backend that estimates the external force."""
+        if _FORCE not in self._backend_says:
+            return
         ended, deadline = self._poses[-1][0], time.monotonic() + _DIAGNOSED
-        late = lambda: int(self._backend_says.get("stamp", 0)) >= ended  # noqa: E731
-        self._wait(lambda: late() or time.monotonic() > deadline, SERVICE_TIMEOUT, "diagnostics of the backend")
+        self._wait(
+            lambda: int(self._backend_says.get("stamp", 0)) >= ended or time.monotonic() > deadline,
+            SERVICE_TIMEOUT,
+            f"diagnostics of {self._backend}",
+        )
 
     def _receive_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from np_common.html_pages import style, svg
-from np_description.force_reflex import FORCE_REFLEX
+from np_description.force_reflex import COUNTED_FORCES, FORCE_REFLEX
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
 from np_description.phases import APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED
@@ -87,19 +87,23 @@ def speed_plot(episode: EpisodeData) -> str:
 
 
 def force_plot(episode: EpisodeData) -> str:
-    """Filtered external force and moment at the hand, and the thresholds at which the robot's reflex stops it."""
+    """Filtered external force and moment at the hand against the reflex's thresholds, and the stricter force that is counted too."""
     with style():
-        figure, panels = _figure(2, 3.6, episode)
+        figure, (top, bottom) = _figure(2, 3.6, episode)
         force, moment = episode.wrench.values[:, :3], episode.wrench.values[:, 3:]
-        rows = ((force, "force (N)", FORCE_REFLEX.force, "N"), (moment, "moment (Nm)", FORCE_REFLEX.moment, "Nm"))
-        for axes, (values, label, threshold, unit) in zip(panels, rows):
+        stop, strict = COUNTED_FORCES
+        for axes, values, label, threshold in (
+            (top, force, "force (N)", stop),
+            (bottom, moment, "moment (Nm)", FORCE_REFLEX.moment),
+        ):
             size = np.linalg.norm(values, axis=1)
             axes.plot(episode.wrench.time, size, color="#1f5fa8", lw=1)
-            text = f"the arm stops itself at {threshold:g} {unit}"
-            axes.axhline(threshold, color="#b03030", lw=1, ls="--", label=text)
+            axes.axhline(threshold, color="#b03030", lw=1, ls="--", label=f"the arm stops above {threshold:g}")
             axes.set_ylabel(label)
-            axes.set_ylim(0, 1.15 * max(threshold, size.max(initial=0.0)))
-            axes.legend(fontsize=7, frameon=False, loc="upper left")
+            axes.set_ylim(0, 1.25 * max(threshold, size.max(initial=0.0)))
+        top.axhline(strict, color="#c98a1b", lw=1, ls=":", label=f"stricter threshold, {strict:g}")
+        for axes in (top, bottom):
+            axes.legend(fontsize=7, frameon=False, loc="upper left", ncols=2)
         return svg(figure)
 
 
