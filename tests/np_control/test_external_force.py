@@ -94,3 +94,9 @@ def test_bad_modes_and_texts_are_named():
         ForceWatch("ignore")
     with pytest.raises(ValueError, match="external force: expected its figures"):
         read_figures('{"newtons": 3}')
+
+
+@given(JOINTS)
+def test_the_fast_jacobian_is_that_of_the_kinematics(turn):
+    q = NOMINAL.ready + turn
+    np.testing.assert_allclose(Dynamics().jacobian(q), jacobian(q), atol=1e-12)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from np_control.dynamics import Dynamics
-from np_control.kinematics import jacobian
 from np_description.force_reflex import FORCE_REFLEX, external_torque, filter_step, hand_wrench, threshold_share
 from np_description.panda import NOMINAL, PandaModel
 
@@ -58,7 +57,7 @@ class ForceObserver:
         """
         model = self._dynamics.feedforward(q, dq, (dq_after - dq) / self._period) + self._friction(dq_after)
         raw_torque = external_torque(torque, model)
-        raw = hand_wrench(raw_torque, jacobian(q))
+        raw = hand_wrench(raw_torque, self._dynamics.jacobian(q))
         filtered = filter_step(self.last.torque, raw_torque, self._period)
         wrench = filter_step(self.last.wrench, raw, self._period)
         self.last = ExternalForce(filtered, wrench, raw, float(threshold_share(filtered, wrench, FORCE_REFLEX)))
@@ -66,4 +65,5 @@ class ForceObserver:
 
     def _friction(self, dq: np.ndarray) -> np.ndarray:
         arm = self._panda
-        return arm.damping * dq + arm.frictionloss * np.clip(dq / STICTION_SPEED, -1.0, 1.0)
+        sliding = np.minimum(np.maximum(dq / STICTION_SPEED, -1.0), 1.0)  # half of numpy.clip's time, at 500 Hz
+        return arm.damping * dq + arm.frictionloss * sliding

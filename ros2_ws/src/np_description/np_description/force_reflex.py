@@ -49,6 +49,7 @@ class ForceReflex:
         return np.repeat([self.force, self.moment], 3)
 
 
+_IDENTITY = np.eye(6)
 FORCE_REFLEX = ForceReflex()
 COUNTED_FORCES = (FORCE_REFLEX.force, 25.0)
 """Forces N at which evaluations count stops: the reflex's own, and a stricter one with joints and moment scaled alike."""
@@ -69,13 +70,11 @@ def hand_wrench(torque, jacobian, damping: float = WRENCH_DAMPING):
     Damped least squares of J^T w = torque: near a singularity the wrench stays below |torque| / (2 damping).
     """
     xp = namespace(torque)
-    transposed = xp.swapaxes(jacobian, -1, -2)
-    identity = np.eye(6) if xp is np else xp.eye(6, dtype=torque.dtype, device=torque.device)
-    normal = jacobian @ transposed + damping**2 * identity
+    identity = _IDENTITY if xp is np else xp.eye(6, dtype=torque.dtype, device=torque.device)
+    normal = jacobian @ xp.swapaxes(jacobian, -1, -2) + damping**2 * identity
     right = jacobian @ torque[..., None]
     # solve_ex skips the error check, which would stop the GPU's stream; the damping keeps every system regular.
-    solution = np.linalg.solve(normal, right) if xp is np else xp.linalg.solve_ex(normal, right)[0]
-    return solution[..., 0]
+    return np.linalg.solve(normal, right)[..., 0] if xp is np else xp.linalg.solve_ex(normal, right)[0][..., 0]
 
 
 def filter_step(filtered, raw, dt: float, reflex: ForceReflex = FORCE_REFLEX):
@@ -88,11 +87,11 @@ def threshold_share(torque, wrench, reflex: ForceReflex = FORCE_REFLEX):
 
     A reflex with thresholds scaled by s stops above s.
     """
-    xp = namespace(torque)
-    limits = reflex.torques()
+    xp, limits = namespace(torque), reflex.torques()
     if xp is not np:
         limits = xp.as_tensor(limits, dtype=torque.dtype, device=torque.device)
-    joints = xp.amax(xp.abs(torque) / limits, -1)
-    force = (wrench[..., :3] ** 2).sum(-1) ** 0.5 / reflex.force
-    moment = (wrench[..., 3:] ** 2).sum(-1) ** 0.5 / reflex.moment
+    joints = (abs(torque) / limits).max(-1) if xp is np else (abs(torque) / limits).amax(-1)
+    squares = wrench * wrench
+    force = squares[..., :3].sum(-1) ** 0.5 / reflex.force
+    moment = squares[..., 3:].sum(-1) ** 0.5 / reflex.moment
     return xp.maximum(joints, xp.maximum(force, moment))
