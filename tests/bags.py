@@ -12,7 +12,7 @@ from np_description.phases import PhaseState
 from np_record.bag_writer import BagWriter
 from np_record.recorder import Sequencer
 from np_record.topics import BY_NAME, TIMELINE
-from np_ros.messages import image_message, joint_state_message, keypoints_message, pose_message
+from np_ros.messages import image_message, joint_state_message, keypoints_message, pose_message, wrench_message
 from np_ros.phases import phase_message
 
 PERIOD = 2_000_000
@@ -49,6 +49,7 @@ def record_episode(path, count=1500, phases=PHASES, information=None, leave_out=
         stamp, time = step * PERIOD, step * PERIOD / 1e9
         wave = np.sin(time + np.arange(9))
         add("joint_states", step, joint_state_message(stamp, STATE_NAMES, 0.1 * wave, wave, 5 * wave))
+        add("external_wrench", step, wrench_message(stamp, BASE_FRAME, 30 * wave[:6]))
         torque = 0.5 * NOMINAL.torque_limit * wave[:7]
         add(
             "effort_command",

@@ -70,9 +70,10 @@ def test_stops_are_counted_at_each_crossing_and_asked_for_only_where_they_are_wa
 
 def test_the_figures_of_an_episode_are_those_of_its_touches_and_say_what_gave_the_peak():
     watch, _ = watched(OBSERVE, [0, 1, 10, 20, 60, 2])
-    watch.add(force(5, raw=200), dict)
+    watch.add(force(2, raw=200), dict)
     figures = watch.figures
-    assert figures.force_n["median"] == 15 and figures.force_n["max"] == 60 and figures.raw_peak_n == 200
+    assert figures.force_n["median"] == 20 and figures.force_n["q99"] == 60
+    assert figures.force_n["max"] == 60 and figures.raw_peak_n == 200
     assert figures.body == ""  # the engine said nothing at that peak
     assert watched(OBSERVE, [10])[0].figures.body == "finger" and watched(OBSERVE, [60])[0].figures.body == "housing"
     assert read_figures(str(watch)) == figures

@@ -197,9 +197,10 @@ def test_the_report_is_one_file_with_everything(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["successes"] == 1
     text = (tmp_path / "report.html").read_text()
     assert (
-        text.count("<svg") == 7
+        text.count("<svg") == 8
         and "Depth of contact" in text
         and "Joint speed" in text
+        and "External force" in text
         and "data:video/webm;base64," in text
     )
     for expected in (
@@ -212,6 +213,15 @@ def test_the_report_is_one_file_with_everything(tmp_path, capsys):
     ):
         assert expected in text
     assert 'src="http' not in text and 'href="http' not in text.replace('href="http://www.w3.org', "")
+
+
+def test_the_external_force_is_read_and_drawn_only_where_it_was_recorded(tmp_path):
+    with Recording(record_episode(tmp_path / "with")) as recording:
+        wrench = load_episode(recording).wrench
+    assert wrench.values.shape == (1500, 6) and np.abs(wrench.values).max() == pytest.approx(30, abs=0.1)
+    without = record_episode(tmp_path / "without", leave_out=("external_wrench",))
+    section = make_section(without)
+    assert "External force" not in section.plots and "largest external force" not in dict(section.facts)
 
 
 def test_a_report_is_called_by_its_domain_and_says_where_the_angle_does_not_count(tmp_path):

@@ -14,6 +14,7 @@ from np_description.force_reflex import COUNTED_FORCES, DEFAULT_MODE, FORCE_REFL
 
 REFLEX_CAUSE = "reflex: force"
 TOUCH = 3.0  # N of filtered force, from which on an arm counts as touching: joint friction at rest leaves errors of up to 2 N
+STEP = 0.1  # N, by which forces are told apart where they are counted
 SCALES = {f"{force:g}": force / FORCE_REFLEX.force for force in COUNTED_FORCES}
 """Thresholds at which stops are counted, by their force in N, as a share of the reflex's."""
 
@@ -46,7 +47,7 @@ class ForceWatch:
 
     def reset(self) -> None:
         """A new episode begins."""
-        self._forces: list[float] = []
+        self._touches: Counter[int] = Counter()  # periods by filtered force in steps: a backend may run for days
         self._largest = self._raw_peak = 0.0
         self._body, self._share = "", 0.0
         self._stops = dict.fromkeys(SCALES, 0)
@@ -59,7 +60,7 @@ class ForceWatch:
         filtered, raw = _size(force.wrench), _size(force.raw)
         self._largest = max(self._largest, filtered)
         if filtered >= TOUCH:
-            self._forces.append(filtered)
+            self._touches[round(filtered / STEP)] += 1
         if raw > self._raw_peak:
             self._raw_peak, by_body = raw, pressing()
             self._body = max(by_body, key=by_body.get) if by_body else ""
@@ -73,7 +74,11 @@ class ForceWatch:
     @property
     def figures(self) -> ForceFigures:
         """Of the episode so far."""
-        median, q99 = np.quantile(self._forces, (0.5, 0.99)) if self._forces else (0.0, 0.0)
+        steps = sorted(self._touches)
+        periods = np.cumsum([self._touches[step] for step in steps])
+        median, q99 = (
+            STEP * steps[np.searchsorted(periods, share * periods[-1])] if steps else 0.0 for share in (0.5, 0.99)
+        )
         largest = {"median": median, "q99": q99, "max": self._largest}
         rounded = {name: round(float(value), 2) for name, value in largest.items()}
         return ForceFigures(rounded, round(self._raw_peak, 2), self._body, dict(self._stops))
