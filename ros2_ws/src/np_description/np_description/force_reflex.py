@@ -1,6 +1,6 @@
 """The force reflex: at which external force the arm stops itself, and how it estimates that force.
 
-One definition for the hardware driver, both simulators, `one_process` and training. Functions take NumPy arrays or PyTorch
+One definition for the hardware driver, both simulators, in-process evaluation and training. Functions take NumPy arrays or PyTorch
 tensors of any leading shape and return the same kind.
 
 Sources. libfranka (`Robot::setCollisionBehavior`, `RobotState`) documents that the robot stops where the external torque of a
