@@ -1,11 +1,10 @@
 """Success of trained policies in the batched simulator at zeta*, and how they fail.
 
     python -m np_training.evaluate --checkpoint runs/card/checkpoint.pt [--student FILE] \\
-        --conditions nominal paper twice --episodes 1000 --seeds 1000 1001 --out runs/card/evaluation.jsonl
+        --conditions nominal paper --set stiffness=4 --episodes 1000 --seeds 1000 1001 --out runs/card/evaluation.jsonl
 
-One JSON object a line and condition, printed and appended to --out. `twice` widens friction, mass and noise
-to twice the range that training draws from, all together, then one at a time, and names what breaks first.
-Domain, object, start, controller and time limit are the checkpoint's. `reward` of a line says which one trained it. In place of one, --released DOMAIN plays the weights
+One JSON object a line and condition, printed and appended to --out. `--recipe` judges under what the recipe names. Domain, object and
+time limit are the checkpoint's. In place of one, --released DOMAIN plays the weights
 that the nodes load, contacts chosen by the student. --video N draws episodes, half of them failures where there are as
 many.
 """
@@ -21,8 +20,8 @@ from np_description.objects.scenarios import COUNT
 from np_description.weights.released import WeightsError
 from np_training.device import DEVICE_HELP, usable
 from np_training.physics.carried_effects import load_effects
-from np_training.physics.config import CONTROLLERS, STEPPING, PhysicsConfig
-from np_training.setting import OBJECT_HELP, STARTS
+from np_training.physics.config import STEPPING, PhysicsConfig
+from np_training.setting import OBJECT_HELP
 from np_training.tasks.randomisation import CONDITIONS
 
 
@@ -42,6 +41,14 @@ def main() -> None:
     )
     parser.add_argument("--episodes", type=int, default=1000, help="of each seed")
     parser.add_argument("--conditions", nargs="+", choices=list(CONDITIONS), default=["nominal"])
+    parser.add_argument(
+        "--set",
+        nargs="+",
+        default=[],
+        metavar="FIELD=VALUE",
+        help="of the conditions, a number for both ends of a range",
+    )
+    parser.add_argument("--recipe", type=Path, help="a file of recipes/: judge under what it names")
     parser.add_argument("--seeds", "--seed", nargs="+", type=int, default=[1000])
     parser.add_argument("--largest-turn", type=float, help="rad, from start to goal; default: the checkpoint's")
     parser.add_argument("--tolerance", type=float, default=1.0, help="share of the domain's that counts as success")
@@ -52,8 +59,6 @@ def main() -> None:
         default=True,
         help="whether joints beyond their limits of speed or position end an episode",
     )
-    parser.add_argument("--start", choices=list(STARTS), help="default: the checkpoint's")
-    parser.add_argument("--controller", choices=CONTROLLERS, help="default: the checkpoint's")
     parser.add_argument("--limit", type=int, help="steps an episode; default: the checkpoint's")
     parser.add_argument("--contacts", type=int, default=PhysicsConfig.contacts, help="capacity a world")
     parser.add_argument("--constraints", type=int, default=PhysicsConfig.constraints, help="capacity a world")

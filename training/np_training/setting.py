@@ -6,24 +6,21 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from np_control.impedance import DAMPING_RATIO_MIN
 from np_description.domains import Domain, find_domain
 from np_description.objects.choice import DEFAULT, domain_with, portable
 from np_training.physics.config import check_trainable
-from np_training.tasks.rewards import RewardConfig
 
 UNSAID = {
     "domain": "card",
     "object": DEFAULT,
-    "start": "contact",
-    "controller": "impedance",
     "limit": 100,
     "contact": "soft",
-    "reward": RewardConfig.name,
+    "damping_floor": DAMPING_RATIO_MIN,
 }
 """What holds where a checkpoint does not say: those of the first versions did not."""
-STARTS = {"contact": None, "above": (0.0, 0.0, 1.0), "right": (0.0, -1.0, 0.0)}
-"""Where an episode begins: where the pre-contact policy says, over the object (EE-ABOVE), or at its right
-side as seen from the robot (EE-AT-RIGHT); directions from the object's centre in the base frame."""
+SETTING = (*UNSAID, "max_opening", "largest_turn")
+"""What a training shares with distillation, evaluation and release. damping_floor: least damping ratio of an action."""
 WEIGHTS, RESULTS = Path("weights"), Path("docs/results")  # where a release goes
 OBJECT_HELP = "a rigid row of the domain's table of objects, or a .yaml file"
 
@@ -32,7 +29,8 @@ def setting_of(state: Mapping[str, object]) -> dict:
     """The whole setting of a checkpoint, by name. max_opening: of one finger, m, at a pre-contact action of 1; largest_turn: from start to goal, rad."""
     setting = UNSAID | state.get("setting", {})
     domain = find_domain(setting["domain"])
-    return {"max_opening": domain.max_opening, "largest_turn": largest_turn(domain), **setting}
+    setting = {"max_opening": domain.max_opening, "largest_turn": largest_turn(domain), **setting}
+    return {name: value for name, value in setting.items() if name in SETTING}
 
 
 def largest_turn(domain: Domain) -> float | None:

@@ -7,12 +7,13 @@ rollout: inverse kinematics and collision checks then cost one large batch inste
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
 
 from np_common.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_multiply, six_from_matrix
+from np_control.impedance import DAMPING_RATIO_MIN
 from np_description.camera import CAMERA
 from np_description.domains import Domain, is_lost, is_success, pose_error
 from np_description.keypoints import box_keypoints
@@ -25,19 +26,19 @@ from np_training.environment.sight import Sight
 from np_training.environment.starts import Starts
 from np_training.environment.view import BatchedView, Past
 from np_training.physics.batched import ARM, OBJECT_POSITION, OBJECT_QUATERNION, BatchedPhysics
+from np_training.physics.batched_forces import BARE, FINGER, FORCE, RAW, SHARE, SPEED
 from np_training.physics.batched_kinematics import forward_kinematics, solve_ik
 from np_training.physics.config import PhysicsConfig
-from np_training.tasks.joint_range import JointRange
 from np_training.tasks.poses import Poses, quarter_tips
 from np_training.tasks.practice import Tasks, draw_tasks
 from np_training.tasks.randomisation import DELAY_STEP, NOMINAL_CONDITIONS, Conditions
-from np_training.tasks.registry import Reward
-from np_training.tasks.rewards import Measures, RewardConfig
+from np_training.tasks.rewards import Measures, RewardConfig, Touch
 
 PRE_STATE_SIZE = 18
 PERIOD = 1 / actions.RATE  # s
 START_SLACK = 0.1  # rad, between where an episode begins and the range that is allowed in it
 PRIVILEGED_SIZE = 18 + 6 + 3 + 2
+LOOSE_FORCE = 10.0  # times the force reflex's thresholds at strictness 0: what an untrained policy's blows come to
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,9 @@ class EnvironmentConfig:
     """worlds; limit: steps an episode; hold: steps within tolerance, a share of the domain's, that count as success; seed;
     shares: of each kind of task (`TaskConfig.kinds`), the domain's own first; explore: share of contacts at any point of the object,
     which the pre-contact policy did not choose; reflex: whether a joint beyond its limits of speed or position ends the episode, as
-    the robot's own reflex does (`np_sim_bridge` reports a fault there)."""
+    the robot's own reflex does (`np_sim_bridge` reports a fault there); strictness: 0 where learning begins, 1 where it ends: how much of
+    the prices on touches is charged, and how near the force reflex is to the robot's (`force_scale`); damping_floor: least damping ratio
+    of an action."""
 
     worlds: int = 24576
     limit: int = 100
@@ -55,7 +58,10 @@ class EnvironmentConfig:
     shares: tuple[float, ...] = (1.0,)
     explore: float = 0.0
     reflex: bool = False
-    reward: Reward = RewardConfig()
+    force_reflex: bool = True
+    strictness: float = 1.0
+    damping_floor: float = DAMPING_RATIO_MIN
+    reward: RewardConfig = RewardConfig()
     physics: PhysicsConfig = PhysicsConfig()
     conditions: Conditions = NOMINAL_CONDITIONS
 
@@ -72,13 +78,26 @@ def pre_contact_state(objects: Poses, goals: Poses) -> torch.Tensor:
     return torch.cat([encode(objects), encode(goals)], -1)
 
 
+def force_scale(strictness: float) -> float:
+    """Factor of the force reflex's thresholds, geometric from LOOSE_FORCE at 0 to 1 at 1, as the residual limits tighten."""
+    return LOOSE_FORCE ** (1 - strictness)
+
+
 def as_seen(domain: Domain, objects: Poses, goals: Poses) -> tuple[Poses, Poses]:
     """Poses of objects and goals (n,) under the names of their faces that the policies see (np_description.symmetry)."""
     if not domain.interchangeable:
         return objects, goals
     turns = torch.tensor(symmetries(domain.half_size), dtype=goals.position.dtype, device=goals.position.device)
     turn = turns[naming(domain, normalised_keypoints(corners(domain, goals)))]
-    return tuple(replace(p, quaternion=quaternion_multiply(p.quaternion, turn)) for p in (objects, goals))
+    axes = matrix_from_quaternion(turn).abs()  # which of the old edges lies along each of the new axes
+    return tuple(
+        Poses(
+            p.position,
+            quaternion_multiply(p.quaternion, turn),
+            None if p.scale is None else (p.scale[:, :, None] * axes).sum(1),
+        )
+        for p in (objects, goals)
+    )
 
 
 def corners(domain: Domain, poses: Poses) -> torch.Tensor:
@@ -126,8 +145,9 @@ class Environment:
             np.stack([NOMINAL.position_lower, NOMINAL.position_upper]), dtype=torch.float32, device=device
         )
         self.range = self._mechanical[:, None].repeat(1, n, 1)
+        self.force_margin = torch.ones(n, device=device)  # share of the force reflex's thresholds
+        self.force = torch.zeros(2, n, device=device)  # N: the episode's largest filtered and raw force
         self.starts: Starts | None = None
-        self.joint_range: JointRange | None = None
 
     # --- state ---------------------------------------------------------------------------------------------------
 
@@ -198,9 +218,7 @@ class Environment:
     def draw_starts(self, pre_policy, count: int) -> Starts:
         """A pool of `count` tasks with the contacts that `pre_policy.act(state, explore)` -> (action, log p) chooses."""
         conditions = self.config.conditions
-        tasks = draw_tasks(
-            self.domain, self.config.shares, count, self.generator, conditions.size, conditions.size_ends
-        )
+        tasks = draw_tasks(self.domain, self.config.shares, count, self.generator, conditions.size)
         state = pre_contact_state(*as_seen(self.domain, tasks.starts, tasks.goals))
         action, log_probability = pre_policy.act(state, self.config.explore)
         contacts = contact.resolve(self.domain, action, tasks.starts, tasks.sunk, self.hand)
@@ -250,7 +268,9 @@ class Environment:
         width = starts.contacts.width[row][:, None].expand(n, 2)
         self.physics.place(where, torch.cat([q, width, objects.position, objects.quaternion], -1), tasks.sunk[row])
         if self.config.physics.resizes:
-            self.physics.varied.resize(where, torch.ones_like(q[:, 0]) if objects.scale is None else objects.scale)
+            self.physics.varied.resize(
+                where, torch.ones_like(objects.position) if objects.scale is None else objects.scale
+            )
         self.physics.fingers[where] = width
         self.physics.hold(where, q)
         self.goals.position[where], self.goals.quaternion[where] = goals.position, goals.quaternion
@@ -259,6 +279,7 @@ class Environment:
         self.age[where] = 0
         self.held[where] = 0
         self.total[where] = 0
+        self.force[:, where] = 0
         self.kind[where] = tasks.kind[row]
         self.tips[where] = starts.tips[row]
         self.pre_state[where], self.pre_action[where] = starts.state[row], starts.action[row]
@@ -279,11 +300,12 @@ class Environment:
                 self._factor(n, c.mass),
             ]
             self.conditions[where] = torch.stack(factors, -1)
-            is_same = c.housing_friction == (1.0, 1.0)
-            self.physics.varied.randomise(where, *factors, None if is_same else self._uniform(n, *c.housing_friction))
-        if c.randomises_contact:
+            self.physics.varied.randomise(where, *factors, self._uniform(n, *c.housing_friction))
             ranges = (c.stiffness, c.damping, c.time_constant, c.friction_stiffness)
             self.physics.varied.stiffen(where, *(self._factor(n, ends) for ends in ranges))
+            worn = (c.joint_friction, c.joint_damping, c.armature)
+            self.physics.varied.wear(where, *(self._factor(7 * n, ends).reshape(n, 7) for ends in worn))
+            self.physics.varied.shift_centre(where, c.centre * self._uniform(3 * n, -1.0, 1.0).reshape(n, 3))
         if c.finger_length or c.finger_tilt:
             length, turn = (self._uniform(k * n, -1.0, 1.0).reshape(n, 2, -1) for k in (2, 6))
             turn[..., 2] = 0  # about its sides, not about the finger
@@ -294,6 +316,7 @@ class Environment:
             self.camera_turn[where] = matrix_from_vector(c.camera_rotation * self._normal(n, 3))
             self.camera_shift[where] = c.camera_position * self._normal(n, 3)[:, None]
         self.image_age[where] = (self.view.age + self._uniform(n, *c.image_latency)[:, None, None]) / PERIOD
+        self.force_margin[where] = self._uniform(n, *c.force_margin)
         self._draw_limits(where, q, self._uniform(n, *c.limit_margin))
 
     def _draw_limits(self, where: torch.Tensor, q: torch.Tensor, margin: torch.Tensor) -> None:
@@ -316,8 +339,8 @@ class Environment:
     def step(self, action: torch.Tensor) -> dict[str, torch.Tensor]:
         """Advance every world by one policy period under actions (n, 20).
 
-        Returns reward, done, success, lost, stopped (by the reflex), timeout (n,), hidden (`Sight.hidden`), the reward's terms, and
-        for ended episodes their total.
+        Returns reward, done, success, lost, stopped (by the reflex), pressed (of these, by its forces), timeout (n,), hidden
+        (`Sight.hidden`), touch (`Touch`), share (n,) of the force reflex's thresholds, the reward's terms, and for ended episodes their total.
         Ended worlds are NOT reset: call `reset(done.nonzero())`, after the critic has seen the last state.
         """
         physics, config = self.physics, self.config
@@ -326,10 +349,9 @@ class Environment:
             self._past.remember(self._corners_now())
         q = physics.seen_q[:, ARM].clone()
         position, rotation = forward_kinematics(q)
-        target = actions.decode(action, position, rotation, self.limits)
+        target = actions.decode(action, position, rotation, self.limits, config.damping_floor)
         physics.aim(solve_ik(q, target.position, target.rotation), target)
         physics.noise.copy_(config.conditions.torque_noise * self._normal(config.worlds, 7))
-        self._shove()
         physics.advance()
         change = action[:, actions.POSE].clamp(-1, 1) - self.last_action[:, actions.POSE]
         self.last_action = action.clamp(-1, 1)
@@ -338,7 +360,12 @@ class Environment:
         broken = ~torch.isfinite(physics.qpos).all(-1)
         distance, angle = pose_error(objects.position, objects.quaternion, self.goals.position, self.goals.quaternion)
         self.held = torch.where(is_success(self.domain, distance, angle, config.tolerance), self.held + 1, 0)
-        stopped = self._stopped() if config.reflex else torch.zeros_like(broken)
+        peaks = physics.forces.peaks.nan_to_num(nan=0.0)
+        self.force = self.force.maximum(peaks[[FORCE, RAW]])
+        pressed = peaks[SHARE] > force_scale(config.strictness) * self.force_margin
+        if not config.force_reflex:
+            pressed = torch.zeros_like(broken)
+        stopped = (self._stopped() if config.reflex else torch.zeros_like(broken)) | pressed
         success = (self.held >= config.hold) & ~stopped
         lost = (is_lost(self.domain, objects.position) | broken) & ~success & ~stopped
         timeout = (self.age >= config.limit) & ~success & ~lost & ~stopped
@@ -346,11 +373,10 @@ class Environment:
         # A world whose numbers are none is where it was before.
         pairs = ((getattr(before, f.name), getattr(after, f.name)) for f in fields(Measures))
         after = Measures(*(torch.where(broken.view(-1, *[1] * (old.ndim - 1)), old, new) for old, new in pairs))
-        bare = physics.contacts.touching("housing-object", "link-object")
+        touched = physics.forces.touched > 0
+        touch = Touch(peaks[FORCE], peaks[SPEED], touched[BARE], touched[FINGER], config.strictness)
         hidden = self.sight.hidden(*physics.geoms, objects, corners(self.domain, objects)).nan_to_num()
-        terms = config.reward.terms(before, after, success, lost | stopped, target.stiffness, bare, change, hidden)
-        if self.joint_range is not None:
-            terms["joint_range"] = config.reward.scale * self.joint_range.term(physics.qpos[:, ARM])
+        terms = config.reward.terms(before, after, success, lost | stopped, target.stiffness, touch, change, hidden)
         reward = sum(terms.values())
         self.total += reward
         return {
@@ -359,6 +385,9 @@ class Environment:
             "success": success,
             "lost": lost,
             "stopped": stopped,
+            "pressed": pressed,
+            "touch": touch,
+            "share": peaks[SHARE],
             "timeout": timeout,
             "terms": terms,
             "distance": distance,
@@ -366,15 +395,6 @@ class Environment:
             "broken": broken,
             "hidden": hidden,
         }
-
-    def _shove(self) -> None:
-        """Give some of the objects another velocity, as `Conditions.shove` says."""
-        c, n = self.config.conditions, self.config.worlds
-        if not c.shove:
-            return
-        hit = torch.rand(n, 1, generator=self.generator, device=self.device) < c.shove
-        scale = torch.tensor(3 * [c.shove_velocity] + 3 * [c.shove_rotation], device=self.device)
-        self.physics.qvel[:, 9:] += hit * scale * self._normal(n, 6)
 
     def _stopped(self) -> torch.Tensor:
         """Worlds (n,) in which a joint was too fast in the last period, or is outside its range."""

@@ -17,10 +17,11 @@ from np_policy.action import TIGHT
 from np_training.environment import contact
 from np_training.environment.environment import Environment, as_seen, pre_contact_state
 from np_training.physics.batched import ARM
+from np_training.physics.batched_forces import FORCE, RAW, SHARE, SPEED
 from np_training.ppo.distillation import Student
 from np_training.ppo.networks import ActorCritic
 from np_training.tasks.breakdown import groups_of_tasks
-from np_training.tasks.poses import Poses, sample_tasks, uniform_with_ends
+from np_training.tasks.poses import Poses, edges, sample_tasks
 from np_training.tasks.practice import Tasks, scaled
 from np_training.tasks.randomisation import Conditions
 
@@ -36,7 +37,8 @@ class Episodes:
     mode: index into MODES; length: policy steps; distance m, angle rad: to the goal at the end; over (2, n,
     7): physics steps beyond the limits of joint velocity and torque; shares (3, n, 7): the largest share of each limit (`np_description.limit_share`)
     that a joint came to; depths: of contact, at the end of each policy step; hidden (n,): how much of its time the arm hid the object from
-    the camera (mean of `Sight.hidden`); groups: masks (n,) by kind of task (`breakdown.groups`); goals (n, 7): position and quaternion; qpos (steps + 1, n, 16), held still from each
+    the camera (mean of `Sight.hidden`); force (5, n): largest filtered and raw force N, largest share of the force reflex's thresholds, speed of
+    a first touch m/s, and 1 where the force reflex stopped it; bare (2, n): policy steps in which the robot, and in which housing or links touched the object; groups: masks (n,) by kind of task (`breakdown.groups`); goals (n, 7): position and quaternion; qpos (steps + 1, n, 16), held still from each
     end on, where it was recorded.
     """
 
@@ -48,6 +50,8 @@ class Episodes:
     shares: np.ndarray
     depths: Tally
     hidden: np.ndarray
+    force: np.ndarray
+    bare: np.ndarray
     groups: dict[str, np.ndarray]
     goals: np.ndarray
     qpos: np.ndarray | None = field(default=None, repr=False)
@@ -73,6 +77,8 @@ def concatenate(parts: list[Episodes]) -> Episodes:
         join("shares", 1),
         Tally.joined(part.depths for part in parts),
         join("hidden"),
+        join("force", 1),
+        join("bare", 1),
         groups,
         join("goals"),
     )
@@ -99,11 +105,13 @@ def run_episodes(
     if seed is not None:
         env.generator.manual_seed(seed)
         torch.manual_seed(seed)
-    env.config = dataclasses.replace(env.config, conditions=conditions or env.config.conditions)
+    env.config = dataclasses.replace(env.config, conditions=conditions or env.config.conditions, strictness=1.0)
     env.limits = TIGHT
     one = torch.ones(worlds, device=device)
     # What an earlier run may have left.
-    env.physics.varied.resize(everyone, one)
+    env.physics.varied.resize(everyone, one[:, None].expand(worlds, 3))
+    env.physics.varied.shift_centre(everyone, torch.zeros(worlds, 3, device=device))
+    env.physics.varied.wear(everyone, *3 * [one[:, None].expand(worlds, 7)])
     env.physics.varied.randomise(everyone, one, one, one, one)
     env.physics.varied.stiffen(everyone, one, one)
     env.physics.varied.bend(everyone, torch.zeros(worlds, 2, device=device), torch.zeros(worlds, 2, 3, device=device))
@@ -112,7 +120,7 @@ def run_episodes(
     objects, goals = fixed_tasks(env, scenario, seed) if scenario else sample_tasks(env.domain, worlds, env.generator)
     drawn = env.config.conditions
     if drawn.resizes:
-        scale = uniform_with_ends(worlds, drawn.size, drawn.size_ends, env.generator)
+        scale = edges(worlds, drawn.size, env.generator)
         objects, goals = (scaled(env.domain, poses, scale) for poses in (objects, goals))
     feasible = _start(env, objects, goals, chooser, student)
     env.reset(everyone)
@@ -122,6 +130,7 @@ def run_episodes(
     length, distance, angle, hidden = (torch.zeros(worlds, device=device) for _ in range(4))
     over = torch.zeros(2, worlds, 7, device=device)
     shares, tally = torch.zeros(3, worlds, 7, device=device), Tally()
+    force, bare = torch.zeros(5, worlds, device=device), torch.zeros(2, worlds, device=device)
     lower, upper = (torch.tensor(list(end)).to(over) for end in (NOMINAL.position_lower, NOMINAL.position_upper))
     frames = [env.physics.qpos.clone()] if record else []
     for _ in range(env.config.limit):
@@ -129,6 +138,10 @@ def run_episodes(
             out = env.step(networks.post(env.observe()[0]))
         over += env.physics.over * alive[:, None]
         hidden += out["hidden"] * alive
+        touch, peaks = out["touch"], env.physics.forces.peaks.nan_to_num()
+        felt = torch.stack([*peaks[[FORCE, RAW, SHARE, SPEED]], out["pressed"].float()])
+        force = torch.where(alive & feasible, force.maximum(felt), force)
+        bare += torch.stack([touch.finger | touch.bare, touch.bare]) * (alive & feasible)
         from_middle = (env.physics.qpos[:, ARM] - (lower + upper) / 2).abs() / ((upper - lower) / 2)
         share = torch.cat([env.physics.peak, from_middle[None]])
         shares = torch.where(alive[:, None] & share.isfinite(), shares.maximum(share), shares)
@@ -149,6 +162,8 @@ def run_episodes(
         *(a.cpu().numpy() for a in (mode, length, distance, angle, over, shares)),
         tally,
         (hidden / length).cpu().numpy(),
+        force.cpu().numpy(),
+        bare.cpu().numpy(),
         masks,
         torch.cat([goals.position, goals.quaternion], -1).cpu().numpy(),
         torch.stack(frames).cpu().numpy() if record else None,

@@ -1,4 +1,4 @@
-"""Success of trained policies, and how they fail: played, counted and put into lines."""
+"""Success of trained policies, their forces, and how they fail: played, counted and put into lines."""
 
 from __future__ import annotations
 
@@ -23,15 +23,16 @@ from np_policy.networks import PreContactStudent
 from np_policy.other_size import sizes_known
 from np_policy.weights import load
 from np_training.checkpoints import read_state
+from np_training.contracts import trained_contract
 from np_training.environment.environment import Environment, EnvironmentConfig
-from np_training.environment.fixed_contact import FixedContact
 from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
 from np_training.episodes.recording import save_recording
 from np_training.physics.config import physics_for
 from np_training.ppo.distillation import Student
 from np_training.ppo.networks import ActorCritic
-from np_training.setting import UNSAID, chosen, domain_of, setting_of
-from np_training.tasks.randomisation import CONDITIONS, GROUPS, PAPER, widen
+from np_training.recipe import Judged, read_recipe
+from np_training.setting import chosen, domain_of, setting_of
+from np_training.tasks.randomisation import Conditions, find_conditions, parse_changes
 from np_training.tasks.registry import find_task
 
 
@@ -73,6 +74,7 @@ def summarise(episodes: Episodes, substeps: int) -> dict:
             "largest_joint_share": float(over[1].max()),
             "by_joint": [round(float(x), 6) for x in over[1]],
         },
+        "force": force_figures(episodes, reached),
         "hidden_share": round(float(episodes.hidden[reached].mean()), 4) if reached.any() else None,
         "depth_mm": Tally.summary([episodes.depths]).as_dict(),
         "limit_share": limit_share.summary(episodes.shares[:, reached].transpose(1, 0, 2)),
@@ -81,45 +83,51 @@ def summarise(episodes: Episodes, substeps: int) -> dict:
     }
 
 
+def force_figures(episodes: Episodes, reached: np.ndarray) -> dict:
+    """Forces of the episodes in the mask (n,) whose contact was reached: median, 99 % and largest of each episode's largest."""
+    if not reached.any():
+        return {}
+    filtered, raw, share, speed, stopped = episodes.force[:, reached]
+
+    def figures(values: np.ndarray) -> dict[str, float]:
+        median, high = np.quantile(values, (0.5, 0.99))
+        return {
+            "median": round(float(median), 4),
+            "q99": round(float(high), 4),
+            "largest": round(float(values.max()), 4),
+        }
+
+    touching, bare = episodes.bare[:, reached].sum(1)
+    return {
+        "filtered_n": figures(filtered),
+        "raw_n": figures(raw),
+        "threshold_share": figures(share),
+        "first_touch_m_s": figures(speed),
+        "stopped": int(stopped.sum()),
+        "over_25_n": int((filtered > 25).sum()),
+        "bare_share": round(float(bare / max(touching, 1.0)), 4),
+    }
+
+
 def evaluate(
     environment: Environment,
     networks: ActorCritic,
     student: Student | None = None,
-    start: str = "contact",
-    conditions: str | None = None,
+    conditions: Conditions | None = None,
     seeds: tuple[int | None, ...] = (None,),
     record: Path | None = None,
     scenario: int = 0,
 ) -> dict:
-    """One episode in every world for each seed; conditions: a key of CONDITIONS, or the environment's own
-    where None. record: file for the recording of the first seed's. scenario: see `run_episodes`."""
-    chooser = networks.pre if start == "contact" else FixedContact(start)
-
-    def play(wanted) -> Episodes:
-        parts = []
-        for number, seed in enumerate(seeds):
-            recorded = record is not None and number == 0 and wanted is here
-            parts.append(run_episodes(environment, networks, chooser, student, wanted, seed, recorded, scenario))
-            if recorded:
-                save_recording(record, environment.domain.name, parts[0])
-        return concatenate(parts)
-
-    here = CONDITIONS.get(conditions, environment.config.conditions)
-    figures = summarise(play(here), environment.config.physics.substeps)
-    if conditions == "twice":
-        alone = {name: rate(play(widen(PAPER, [name])).of("success")) for name in GROUPS}
-        figures |= {
-            "one_at_a_time": alone,
-            "breaks_first": breaks_first(rate(play(PAPER).of("success")), alone),
-        }
+    """One episode in every world for each seed; conditions: None for the environment's own. record: file for the recording of the
+    first seed's. scenario: see `run_episodes`."""
+    parts = []
+    for number, seed in enumerate(seeds):
+        recorded = record is not None and number == 0
+        parts.append(run_episodes(environment, networks, networks.pre, student, conditions, seed, recorded, scenario))
+        if recorded:
+            save_recording(record, environment.domain.name, parts[0])
+    figures = summarise(concatenate(parts), environment.config.physics.substeps)
     return figures | {"worlds_over_capacity": int(environment.physics.take_overflowed())}
-
-
-def breaks_first(base: dict, alone: dict[str, dict]) -> str | None:
-    """The widened group with the least success; None where no group's interval lies below that of the trained
-    range."""
-    worse = {name: figures["success"] for name, figures in alone.items() if figures["ci95"][1] < base["ci95"][0]}
-    return min(worse, key=worse.get) if worse else None
 
 
 def read_checkpoint(path: Path) -> tuple[ActorCritic, dict, int]:
@@ -134,10 +142,19 @@ def released_networks(domain: str) -> tuple[ActorCritic, dict, None]:
     """Networks whose post-contact policy is the released one of a domain, and its setting; the others, which are not
     released, are untrained. Raises WeightsError where the weights are missing or were trained for something else."""
     networks, task = ActorCritic(), find_task(domain)
-    contract = PolicyContract.of(POST_CONTACT, task.domain, UNSAID["controller"])
+    contract = PolicyContract.of(POST_CONTACT, task.domain)
     load(networks.post, weights_file(POST_CONTACT, task.domain), contract)
     setting = {"domain": domain, "limit": task.limit, "contact": task.domain.contact.name}
     return networks, setting_of({"setting": setting}), None
+
+
+def judged_rows(arguments: argparse.Namespace) -> list[Judged]:
+    """What the command line asks for: a recipe's rows, or sets of conditions with its changes. Raises ValueError."""
+    if arguments.recipe:
+        return list(read_recipe(arguments.recipe).judge)
+    changes = parse_changes(arguments.set)
+    named = "".join(f" {text}" for text in arguments.set)
+    return [Judged(name + named, find_conditions(name, changes)) for name in arguments.conditions]
 
 
 def evaluate_all(arguments: argparse.Namespace, effects: Patch, refuse: Callable[[str], NoReturn]) -> Iterator[str]:
@@ -154,11 +171,12 @@ def evaluate_all(arguments: argparse.Namespace, effects: Patch, refuse: Callable
     try:
         setting = chosen(setting, **{name: getattr(arguments, name, None) for name in setting})
         domain = domain_of(setting)
+        rows = judged_rows(arguments)
     except ValueError as error:
         refuse(str(error))
     if arguments.video and setting["object"] != DEFAULT:
         refuse("--video draws a domain's own object: leave it out with another")
-    contract = PolicyContract.of(PRE_CONTACT, find_domain(setting["domain"]), setting["controller"])
+    contract = trained_contract(PRE_CONTACT, find_domain(setting["domain"]), damping_floor=setting["damping_floor"])
     student = None
     if arguments.student:
         network = load(PreContactStudent(), arguments.student, contract).to(arguments.device)
@@ -173,33 +191,32 @@ def evaluate_all(arguments: argparse.Namespace, effects: Patch, refuse: Callable
             tolerance=arguments.tolerance,
             reflex=arguments.reflex,
             limit=setting["limit"],
+            damping_floor=setting["damping_floor"],
             physics=physics_for(
                 setting["contact"],
                 contacts=arguments.contacts,
                 constraints=arguments.constraints,
-                controller=setting["controller"],
                 effects=effects,
-                supports=any(CONDITIONS[name].support is not None for name in arguments.conditions),
-                resizes=any(CONDITIONS[name].resizes for name in arguments.conditions),
+                supports=any(row.conditions.support is not None for row in rows),
+                resizes=any(row.conditions.resizes for row in rows),
             ),
         ),
     )
-    for conditions in arguments.conditions:
+    for row in rows:
         begin = time.monotonic()
-        record = arguments.record if conditions == arguments.conditions[-1] else None
+        record = arguments.record if row is rows[-1] else None
         figures = evaluate(
             environment,
             networks,
             student,
-            setting["start"],
-            conditions,
+            row.conditions,
             tuple(arguments.seeds),
             record,
             arguments.scenario,
         )
         line = json.dumps(
             {
-                "conditions": conditions,
+                "conditions": row.name,
                 "student": bool(student),
                 **setting,
                 "scenario": arguments.scenario,

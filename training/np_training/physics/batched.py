@@ -21,6 +21,7 @@ from np_description.scene import OBJECT, load_model
 from np_policy.action import Target
 from np_training.physics.batched_contacts import BatchedContacts
 from np_training.physics.batched_effects import batched_effects
+from np_training.physics.batched_forces import BatchedForces
 from np_training.physics.batched_impedance import impedance_kernel
 from np_training.physics.batched_kinematics import forward_kinematics
 from np_training.physics.batched_operational_space import make_gains, operational_space_kernel
@@ -48,7 +49,7 @@ class BatchedPhysics:
     noise (worlds, 7) Nm; fingers (worlds,) m; over (2, worlds, 7): physics steps of the last period beyond
     the limits of joint velocity, and of torque as commanded; peak (2, worlds, 7): the largest shares of them; margin (worlds,):
     share of the data sheet's joint velocity that counts as the limit, and of its torque; seen_q rad, m, seen_dq (worlds, 9):
-    what the sensors say of joints and fingers; varied: what worlds differ in. Raises ValueError for an object that is not rigid.
+    what the sensors say of joints and fingers; varied: what worlds differ in; forces: what the robot feels. Raises ValueError for an object that is not rigid.
     """
 
     def __init__(self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
@@ -114,6 +115,8 @@ class BatchedPhysics:
         self.hold(torch.arange(worlds, device=self.device), self.qpos[:, ARM])
         names = [model.geom(geom).name for geom in range(model.ngeom)]
         self.contacts = BatchedContacts(names, self.data, worlds)
+        with wp.ScopedDevice(self._wp_device):
+            self.forces = BatchedForces(self.data, worlds, config.timestep, names)
         # Where fixed geoms are in the world is worked out once, when the data are made: it may be moved there.
         self._geom_position, self._geom_rotation = wp.to_torch(d.geom_xpos), wp.to_torch(d.geom_xmat)
         self._obstacles = {model.geom(box.name).id: box.centre[2] for box in domain.obstacles}
@@ -164,12 +167,14 @@ class BatchedPhysics:
                 self._graph = capture.graph
                 self.qpos.copy_(saved[0])
                 self.qvel.copy_(saved[1])
+                self.forces.place(torch.arange(self.worlds, device=self.device))
         wp.capture_launch(self._graph)
 
     def _period(self) -> None:
         for substep in range(self.config.substeps):
             self._command_torque(substep)
             mjw.step(self.model, self.data)
+            self.forces.watch(substep)
 
     def _command_torque(self, substep: int) -> None:
         d = self.data
@@ -200,6 +205,7 @@ class BatchedPhysics:
                 ctrl.copy_(torch.where(self._is_fresh, ctrl, effects.drive(ctrl, q)))
                 self._extra[:, ARM] = effects.extra(q, dq)
                 self._step()
+                self.forces.watch(substep)
                 self._since += 1
                 self._sense()
 
@@ -231,6 +237,7 @@ class BatchedPhysics:
         """Put the worlds `where` (n,) at rest at qpos (n, 16), with the obstacles sunk (n,) m below where they are."""
         self.qpos[where] = qpos
         self.qvel[where] = 0
+        self.forces.place(where)
         if self._effects is not None:
             self.seen_q[where], self.seen_dq[where], self._since[where] = qpos[:, :9], 0.0, 0
         for array in self._stale:  # of the state before: solver warm start and Coriolis terms

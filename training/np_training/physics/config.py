@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from sim2real.effects.patch import Patch
 
-from np_description.contact.model import HARD, SOFT, Compliance, ContactModel
+from np_description.contact.model import HARD, SOFT, STEADY, Compliance, ContactModel
 from np_description.domains import Domain
 from np_training.physics.carried_effects import check_carried
 
@@ -56,9 +56,11 @@ STEPPING = {
     "hard": (HARD, dict(timestep=0.0025, substeps=40, iterations=16, ls_iterations=50)),
     # The same to learn in: MuJoCo then holds time constants at two steps, 8 ms, and a policy does as well there as in "hard".
     "swift": (HARD, dict(timestep=0.004, substeps=25, iterations=8, ls_iterations=20)),
+    "steady": (STEADY, dict(timestep=0.0025, substeps=40, iterations=16, ls_iterations=50)),
+    "growing": (STEADY, dict(timestep=0.004, substeps=25, iterations=8, ls_iterations=20)),
 }
 
-LEARNED_IN = {SOFT.name: "soft", HARD.name: "swift"}
+LEARNED_IN = {SOFT.name: "soft", HARD.name: "swift", STEADY.name: "growing"}
 """How the contacts of a domain are stepped where its policies are learned, by the definition's name."""
 
 

@@ -26,6 +26,10 @@ FIELDS = (
     "geom_size",
     "geom_pos",
     "geom_quat",
+    "body_ipos",
+    "dof_frictionloss",
+    "dof_damping",
+    "dof_armature",
 )
 """Of the model, that MuJoCo Warp has to keep for every world."""
 
@@ -34,14 +38,16 @@ class VariedModel:
     """What the model of each world has of its own.
 
     friction (worlds, geoms, 3), mass (worlds, bodies) kg, subtree_mass (worlds, bodies) kg, inertia (worlds, bodies, 3) kg m2 about the
-    principal axes: the simulator's own arrays; scale (worlds,): size of the object, as `resize` has it; object_body: its index.
+    principal axes: the simulator's own arrays; scale (worlds, 3): of the object's edges, as `resize` has it; object_body: its index.
     """
 
     def __init__(self, batched, model: mujoco.MjModel, domain: Domain, supports: bool, device: torch.device) -> None:
         """batched: MuJoCo Warp's model of `model` with FIELDS for every world; supports: whether the object has patches to stand on."""
-        self.friction, self.mass, self.subtree_mass, self.inertia, self._solimp, self._solref, self._size, *place = (
+        self.friction, self.mass, self.subtree_mass, self.inertia, self._solimp, self._solref, self._size, *rest = (
             wp.to_torch(getattr(batched, name)) for name in FIELDS
         )
+        place, self._centre, self._joints = rest[:2], rest[2], rest[3:]
+        self._nominal_joints = [array[0, :7].clone() for array in self._joints]
         worlds, self._nominal_creep = len(self.mass), float(model.opt.impratio) ** -0.5
         # Of a world's own too, beside the fields of the model.
         batched.opt.impratio_invsqrt = wp.full(
@@ -68,7 +74,8 @@ class VariedModel:
         ]
         self._supports = [model.geom(f"{SUPPORT}{axis}").id for axis in range(3)] if supports else []
         self._half_size = torch.tensor(domain.half_size, dtype=torch.float32, device=device)
-        self.scale = torch.ones(worlds, device=device)
+        self.scale = torch.ones(worlds, 3, device=device)
+        self._nominal_centre = torch.tensor(model.body_ipos[self.object_body], dtype=torch.float32, device=device)
         self._object_geom = model.geom(OBJECT).id
 
     def randomise(
@@ -90,18 +97,30 @@ class VariedModel:
         self._turn_inertia(where)
 
     def resize(self, where: torch.Tensor, scale: torch.Tensor) -> None:
-        """Make the object `scale` (n,) times as large as it is nominally, up to LARGEST; it weighs what it weighed.
+        """Make the object's edges `scale` (n, 3) times as long as nominally, up to LARGEST; it weighs what it weighed.
         What it stands on is as large as ever before `support` is called."""
         self.scale[where] = scale
-        self._size[where, self._object_geom] = self._half_size * scale[:, None]
+        self._size[where, self._object_geom] = self._half_size * scale
         for axis, geom in enumerate(self._supports):
-            self._size[where, geom] = self._half_size * SUPPORT_SHARE * scale[:, None]
-            self._size[where, geom, axis] = self._half_size[axis] * scale + SUPPORT_PROUD
+            self._size[where, geom] = self._half_size * SUPPORT_SHARE * scale
+            self._size[where, geom, axis] = self._half_size[axis] * scale[:, axis] + SUPPORT_PROUD
         self._turn_inertia(where)
 
     def _turn_inertia(self, where: torch.Tensor) -> None:
-        factor = self.mass[where, self.object_body] / self._object_mass * self.scale[where].square()
-        self.inertia[where, self.object_body] = self._object_inertia * factor[:, None]
+        """Inertia about each axis goes by the squares of the two other edges, as a box's does."""
+        old, new = self._half_size.square(), (self._half_size * self.scale[where]).square()
+        factor = (new.sum(-1, keepdim=True) - new) / (old.sum() - old)
+        mass = self.mass[where, self.object_body] / self._object_mass
+        self.inertia[where, self.object_body] = self._object_inertia * factor * mass[:, None]
+
+    def shift_centre(self, where: torch.Tensor, share: torch.Tensor) -> None:
+        """Put the object's centre of mass shares (n, 3) of its edges, those of now, beside its nominal place."""
+        self._centre[where, self.object_body] = self._nominal_centre + 2 * self._half_size * self.scale[where] * share
+
+    def wear(self, where: torch.Tensor, friction: torch.Tensor, damping: torch.Tensor, armature: torch.Tensor) -> None:
+        """Scale friction, damping and armature of the arm's joints by factors (n, 7)."""
+        for array, nominal, factor in zip(self._joints, self._nominal_joints, (friction, damping, armature)):
+            array[where, :7] = nominal * factor
 
     def stiffen(
         self,
@@ -136,5 +155,5 @@ class VariedModel:
         for axis, geom in enumerate(self._supports):
             sides = [k for k in range(3) if k != axis]
             self._size[where[:, None], geom, sides] = (
-                self._half_size[sides] * shares[:, sides] * self.scale[where, None]
+                self._half_size[sides] * shares[:, sides] * self.scale[where][:, sides]
             )

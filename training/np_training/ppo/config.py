@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from np_training.ppo.curriculum import CurriculumConfig
+from np_training.tasks.randomisation import PAPER, Conditions
 
 
 @dataclass(frozen=True)
@@ -26,24 +27,24 @@ class PPOConfig:
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """rollout: steps between updates; hold: steps at the goal that count as success once randomised, and
-    tolerance: the share of the domain's within which they have to be then; reflex: whether joints beyond their
-    limits end an episode then; pre_least: episodes without which the pre-contact policy is left as it is;
-    start: contact where the pre-contact policy chooses, else see `fixed_contact`; stiffness: that an untrained
-    policy commands, -1 to 1 of its range; deviation: that actions are drawn with at most, of their range: what a robot runs
-    is the mean, which goes round in circles that drawn actions leave; privileged: whether the critic sees more than the policy
-    (`Environment.observe`), else nothing but zeros there; adaptive_joint_range: see `joint_range`; conditions: what is randomised
-    once the limits are tight, by its name in `CONDITIONS`."""
+    """How both policies are trained, beside the learner."""
 
     rollout: int = 12
+    """Policy steps between updates."""
     hold: int = 3
+    """Policy steps at the goal that count as success once randomised."""
     tolerance: float = 1.0
+    """Share of the domain's tolerance within which they have to be then."""
     reflex: bool = True
+    """Whether joints beyond their limits of speed and range end an episode once randomised."""
     pre_least: int = 64
-    start: str = "contact"
+    """Episodes without which the pre-contact policy is left as it is."""
     stiffness: float = 0.0
-    privileged: bool = True
+    """Stiffness that an untrained policy commands, -1 to 1 of its range."""
     deviation: float | None = None
-    adaptive_joint_range: bool = False
-    conditions: str = "paper"
+    """Largest standard deviation of the actions drawn once randomised, as a share of their range: a robot runs the mean action,
+    which goes round in circles that drawn actions leave."""
+    conditions: Conditions = PAPER
+    """What is randomised once the limits are tight; `force_margin` of it holds from the beginning."""
     curriculum: CurriculumConfig = CurriculumConfig()
+    """How tasks become harder."""

@@ -14,8 +14,8 @@ STAGES = 10  # geometric steps from LOOSE to TIGHT (paper)
 
 @dataclass(frozen=True)
 class CurriculumConfig:
-    """residual: start with loose limits (paper), else at zeta* from the first step (the paper's "fixed
-    zeta*"); advance_at: success that tightens the limits (paper); randomise_at: success at the tightest
+    """residual: start with loose limits (paper), else all stages at zeta*, which then tighten the force reflex alone (of a policy
+    that knows its task); advance_at: success that tightens the limits (paper); randomise_at: success at the tightest
     limits that switches domain randomisation on; practice, explore: share of practice and of contacts chosen
     at random at no success, falling to none at a success of `practised_at`; kept: share of practice that is
     never gone below; least_weight: of a kind of practice that always or never succeeds, where one that does every
@@ -47,13 +47,23 @@ class Curriculum:
     def __init__(self, window: int, config: CurriculumConfig = CurriculumConfig(), practices: int = 0) -> None:
         self.config, self.window = config, window
         self.practised = [0.0] * practices
-        self.stage = 0 if config.residual else STAGES
+        self.stage = 0
         self.success, self.episodes = 0.0, 0
 
     @property
     def randomised(self) -> bool:
         """Whether domain randomisation is on."""
         return self.stage > STAGES
+
+    @property
+    def limits(self) -> ResidualLimits:
+        """Residual limits now."""
+        return stage_limits(self.stage if self.config.residual else STAGES)
+
+    @property
+    def strictness(self) -> float:
+        """0 where learning begins, 1 at the tightest limits: see `EnvironmentConfig`."""
+        return min(self.stage, STAGES) / STAGES
 
     @property
     def _left(self) -> float:

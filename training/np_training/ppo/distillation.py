@@ -198,12 +198,12 @@ def distil_checkpoint(arguments: argparse.Namespace, refuse: Callable[[str], NoR
     played = {"domain": domain.name, "object": choice_of(domain)}
     if arguments.sizes != (1.0, 1.0):
         played[SIZES] = "{:g} {:g}".format(*arguments.sizes)
-    save(student, path, trained_contract(PRE_CONTACT, domain, setting["controller"]), played)
+    save(student, path, trained_contract(PRE_CONTACT, domain, damping_floor=setting["damping_floor"]), played)
     if arguments.weights is not None:
         post = PostContactPolicy()
         post.load_state_dict({name[5:]: t for name, t in state["networks"].items() if name.startswith("post.")})
         arguments.weights.mkdir(parents=True, exist_ok=True)
         for kind, network in ((PRE_CONTACT, student), (POST_CONTACT, post)):
             file = arguments.weights / f"{kind}_{domain.name}.safetensors"
-            save(network, file, trained_contract(kind, domain, setting["controller"]), played)
-    return {"file": str(path), **played, "reward": setting["reward"], "practice": arguments.practice, **figures}
+            save(network, file, trained_contract(kind, domain, damping_floor=setting["damping_floor"]), played)
+    return {"file": str(path), **played, "practice": arguments.practice, **figures}

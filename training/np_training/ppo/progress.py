@@ -52,6 +52,9 @@ def describe(row: dict[str, float], left: float) -> str:
         groups,
         practice,
         f"lost {row['lost']:.3f}",
+        f"force {row['force_median']:.0f} N, 99 % {row['force_q99']:.0f}, stopped {row['pressed']:.3f}"
+        if "force_q99" in row
+        else "",
         f"length {row['length']:5.1f}",
         f"end {1e3 * row['end_distance']:5.1f} mm {row['end_angle']:.2f} rad",
         f"feasible {row['pre_feasible']:.2f}",

@@ -12,16 +12,14 @@ import torch
 from np_description.objects.choice import choice_of
 from np_policy.action import STIFFNESS
 from np_training.environment.environment import Environment
-from np_training.environment.fixed_contact import FixedContact
 from np_training.ppo import distributed
 from np_training.ppo.config import PPOConfig, TrainConfig
-from np_training.ppo.curriculum import Curriculum, stage_limits
+from np_training.ppo.curriculum import Curriculum
 from np_training.ppo.learner import Batch, Learner, advantages
 from np_training.ppo.networks import LOG_STD, ActorCritic, sample
 from np_training.setting import largest_turn
 from np_training.tasks.breakdown import groups
-from np_training.tasks.joint_range import JointRange
-from np_training.tasks.randomisation import CONDITIONS, NOMINAL_CONDITIONS
+from np_training.tasks.randomisation import NOMINAL_CONDITIONS
 from np_training.tasks.registry import find_task
 
 
@@ -41,21 +39,19 @@ class Trainer:
         with torch.no_grad():
             self.networks.post.net[-1].bias[STIFFNESS] = math.atanh(config.stiffness)
         distributed.share(self.networks)
-        self._narrow()
         self.post = Learner(self.networks.post, self.networks.post_value, ppo)
         self.pre = Learner(
             self.networks.pre, self.networks.pre_value, dataclasses.replace(ppo, epochs=4, minibatches=4)
         )
         self.iteration, self.steps, self.seconds = 0, 0, 0.0
-        self.chooser = self.networks.pre if config.start == "contact" else FixedContact(config.start)
-        if config.adaptive_joint_range:
-            environment.joint_range = JointRange(environment.device)
+        self.recipe_stage, self.stage_begun = 0, 0  # of a recipe, and the steps at which it began
         self.kinds = [kind.name for kind in find_task(environment.domain.name).kinds]
         window = distributed.size() * environment.config.worlds
         self.curriculum = Curriculum(window, config.curriculum, len(self.kinds) - 1)
         self._seed()
         self._apply_stage()
-        environment.starts = environment.draw_starts(self.chooser, 2 * environment.config.worlds)
+        self._narrow()
+        environment.starts = environment.draw_starts(self.networks.pre, 2 * environment.config.worlds)
         environment.reset(torch.arange(environment.config.worlds, device=environment.device))
         # Without this every episode would end in the same step.
         environment.age.random_(0, environment.config.limit, generator=environment.generator)
@@ -67,13 +63,11 @@ class Trainer:
         return {
             "domain": env.domain.name,
             "object": choice_of(env.domain),
-            "start": self.config.start,
-            "controller": env.config.physics.controller,
             "limit": env.config.limit,
             "contact": env.config.physics.contact.name,
-            "reward": env.config.reward.name,
             "max_opening": env.domain.max_opening,
             "largest_turn": largest_turn(env.domain),
+            "damping_floor": env.config.damping_floor,
         }
 
     def _seed(self) -> None:
@@ -84,10 +78,12 @@ class Trainer:
 
     def _apply_stage(self) -> None:
         env, on = self.environment, self.curriculum.randomised
-        env.limits = stage_limits(self.curriculum.stage)
+        env.limits = self.curriculum.limits
+        drawn = self.config.conditions
         env.config = dataclasses.replace(
             env.config,
-            conditions=CONDITIONS[self.config.conditions] if on else NOMINAL_CONDITIONS,
+            conditions=drawn if on else dataclasses.replace(NOMINAL_CONDITIONS, force_margin=drawn.force_margin),
+            strictness=self.curriculum.strictness,
             hold=self.config.hold if on else 1,
             tolerance=self.config.tolerance if on else 1.0,
             reflex=self.config.reflex and on,
@@ -97,11 +93,12 @@ class Trainer:
         """One rollout, one update of both policies; returns a row of the log, over all processes."""
         env, nets, worlds = self.environment, self.networks, self.environment.config.worlds
         env.config = dataclasses.replace(env.config, shares=self.curriculum.shares, explore=self.curriculum.explore)
-        env.starts = env.draw_starts(self.chooser, worlds)
+        env.starts = env.draw_starts(nets.pre, worlds)
         data: dict[str, list[torch.Tensor]] = {
             k: [] for k in ("state", "critic", "action", "logp", "value", "reward", "done")
         }
         ended: list[tuple[torch.Tensor, ...]] = []
+        forces: list[torch.Tensor] = []
         sums: dict[str, torch.Tensor] = {}
         for _ in range(self.config.rollout):
             state, critic_state = self._observe()
@@ -128,6 +125,7 @@ class Trainer:
                     env.total[where],
                 )
             )
+            forces.append(env.force[0, out["done"] & (env.kind == 0)])
             counts = self._count(out)
             for name, count in counts.items():
                 sums[name] = sums.get(name, 0) + count
@@ -140,28 +138,20 @@ class Trainer:
         }
         update = self._update(data, ended)
         self._narrow()
-        return self._row(distributed.total(sums, env.device)) | update
+        return self._row(distributed.total(sums, env.device)) | _force_figures(torch.cat(forces)) | update
 
     def _observe(self) -> tuple[torch.Tensor, torch.Tensor]:
         """What the policy sees (n, 79), and its critic (n, 108)."""
         state, privileged = self.environment.observe()
-        return state, torch.cat([state, privileged if self.config.privileged else torch.zeros_like(privileged)], -1)
+        return state, torch.cat([state, privileged], -1)
 
     @torch.no_grad()
     def _narrow(self) -> None:
         """Deviations into their range: beyond it `distribution` cuts them, so that no gradient would ever bring them back."""
         for policy in (self.networks.post, self.networks.pre):
             policy.log_std.clamp_(*LOG_STD)
-        if self.config.deviation:
+        if self.config.deviation and self.curriculum.randomised:
             self.networks.post.log_std.clamp_(max=math.log(self.config.deviation))
-
-    @torch.no_grad()
-    def widen(self, deviation: float) -> None:
-        """Draw actions of both policies with at least this standard deviation again, of their range: one that has settled finds no other
-        posture by small steps. What `TrainConfig.deviation` allows at most holds all the same."""
-        for policy in (self.networks.post, self.networks.pre):
-            policy.log_std.clamp_(min=math.log(deviation))
-        self._narrow()
 
     def _count(self, out: dict) -> dict[str, torch.Tensor]:
         """Sums over the worlds of what a step gave; those of ended episodes leave practice out."""
@@ -169,7 +159,9 @@ class Trainer:
         own = env.kind == 0
         done, success = out["done"] & own, out["success"] & own
         counts = {"done": done.sum(), "success": success.sum(), "broken": out["broken"].sum()}
-        counts |= {name: (out[name] & done).sum() for name in ("lost", "stopped", "timeout")}
+        counts |= {name: (out[name] & done).sum() for name in ("lost", "stopped", "pressed", "timeout")}
+        touch = out["touch"]
+        counts |= {"touching": (touch.finger | touch.bare).sum(), "bare": touch.bare.sum()}
         counts |= {
             name: value[done].sum()
             for name, value in (
@@ -195,7 +187,17 @@ class Trainer:
         done = max(sums["done"], 1.0)
         means = {
             name: sums[name] / done
-            for name in ("success", "lost", "stopped", "timeout", "length", "total", "end_distance", "end_angle")
+            for name in (
+                "success",
+                "lost",
+                "stopped",
+                "pressed",
+                "timeout",
+                "length",
+                "total",
+                "end_distance",
+                "end_angle",
+            )
         }
         means |= {
             name: value / max(sums[name.replace("success", "done")], 1.0)
@@ -203,6 +205,7 @@ class Trainer:
             if name.startswith("success_")
         }
         means |= {name: value / steps for name, value in sums.items() if name.startswith("reward_")}
+        means |= {"touching": sums["touching"] / steps, "bare": sums["bare"] / max(sums["touching"], 1.0)}
         self.iteration += 1
         self.steps += steps
         stage, shares = self.curriculum.stage, self.curriculum.shares
@@ -210,10 +213,6 @@ class Trainer:
             self.curriculum.practise(number, means[f"success_{kind}"], int(sums[f"done_{kind}"]))
         if self.curriculum.advance(means["success"], int(sums["done"])):
             self._apply_stage()
-        if self.environment.joint_range is not None:
-            if self.curriculum.randomised:
-                self.environment.joint_range.adapt(self.curriculum.success)
-            means["joint_range"] = self.environment.joint_range.share
         return {
             "iteration": self.iteration,
             "steps": self.steps,
@@ -251,7 +250,7 @@ class Trainer:
         pre_state, pre_action, pre_logp, total = (torch.cat(column) for column in zip(*parts))
         row = {"lr": self.post.rate, "std": float(nets.post.log_std.detach().exp().mean())} | post
         episodes = distributed.total({"episodes": len(pre_state)}, env.device)["episodes"]
-        if self.config.start == "contact" and episodes >= self.config.pre_least:
+        if episodes >= self.config.pre_least:
             with torch.no_grad():
                 baseline = nets.pre_value(pre_state)[:, 0]
             pre = self.pre.update(Batch(pre_state, pre_state, pre_action, pre_logp, total - baseline, total))
@@ -274,13 +273,13 @@ class Trainer:
             "episodes": self.curriculum.episodes,
             "practised": self.curriculum.practised,
             "setting": self.setting,
-            "joint_range": self.environment.joint_range.share if self.environment.joint_range else 1.0,
+            "recipe_stage": self.recipe_stage,
+            "stage_begun": self.stage_begun,
         }
 
     def load_state_dict(self, state: dict) -> None:
         """Restore what `state_dict` gave."""
         self.networks.load_state_dict(state["networks"])
-        self._narrow()
         self.post.load_state_dict(state["post"])
         self.pre.load_state_dict(state["pre"])
         self.iteration, self.steps = state["iteration"], state["steps"]
@@ -290,9 +289,9 @@ class Trainer:
         self.curriculum.episodes = state.get("episodes", 0)
         if len(state.get("practised", [])) == len(self.curriculum.practised):
             self.curriculum.practised = list(state["practised"])
-        if self.environment.joint_range is not None:
-            self.environment.joint_range.share = state.get("joint_range", 1.0)
+        self.recipe_stage, self.stage_begun = state.get("recipe_stage", 0), state.get("stage_begun", 0)
         self._apply_stage()
+        self._narrow()
         self._seed()
 
     def go_back(self, stage: int) -> None:
@@ -306,3 +305,19 @@ class Trainer:
         partial = path.with_suffix(".partial")
         torch.save(self.state_dict(), partial)
         os.replace(partial, path)
+
+    def is_over(self, success: float | None, steps: int) -> bool:
+        """Whether a recipe's stage is over: at this success of a window of randomised episodes, or after so many steps."""
+        curriculum = self.curriculum
+        reached = curriculum.randomised and curriculum.episodes >= curriculum.window
+        return self.steps - self.stage_begun >= steps or (
+            success is not None and reached and curriculum.success >= success
+        )
+
+
+def _force_figures(peaks: torch.Tensor) -> dict[str, float]:
+    """Figures of the largest filtered forces (n,) N of episodes that ended in this process."""
+    if not len(peaks):
+        return {}
+    median, high = torch.quantile(peaks, torch.tensor([0.5, 0.99], device=peaks.device)).tolist()
+    return {"force_median": median, "force_q99": high, "force_max": float(peaks.max())}

@@ -1,4 +1,4 @@
-"""A run of the training, as its command line asks for: from its checkpoint where there is one, to the time or the iterations given."""
+"""A run of the training through the stages of a recipe, from its checkpoint where there is one."""
 
 from __future__ import annotations
 
@@ -21,82 +21,81 @@ from np_training.ppo.log import Log
 from np_training.ppo.progress import Progress
 from np_training.ppo.trainer import Trainer
 from np_training.setting import setting_of
-from np_training.tasks.randomisation import CONDITIONS
+from np_training.tasks.rewards import RewardConfig
 from np_training.train_options import CHECKPOINT
 
 
-def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
-    """The trainer that the command line asks for, from its checkpoint where there is one. Raises CheckpointError."""
-    checkpoint = arguments.out / CHECKPOINT
-    source = arguments.resume or (checkpoint if checkpoint.exists() else None)
-    state = read_state(source, device if distributed.size() == 1 else "cpu") if source else None
+def make_trainer(arguments: argparse.Namespace, device: str, number: int, state: dict | None) -> Trainer:
+    """The trainer of stage `number` of the recipe, gone on from a checkpoint's state (None: from nothing). Raises CheckpointError."""
+    settings = arguments.stages[number]
+    drawn = settings.drawn
     environment = Environment(
         arguments.played,
         device,
         EnvironmentConfig(
             worlds=arguments.worlds,
             seed=arguments.seed,
-            limit=arguments.limit,
-            reward=arguments.reward,
+            limit=settings.limit,
+            reward=RewardConfig(**settings.reward),
+            damping_floor=settings.damping_floor,
             physics=physics_for(
-                arguments.contact,
-                contacts=arguments.contacts,
-                constraints=arguments.constraints,
-                controller=arguments.controller,
+                settings.contact,
+                contacts=settings.contacts,
+                constraints=settings.constraints,
                 effects=arguments.effects,
-                supports=CONDITIONS[arguments.conditions].support is not None,
-                resizes=CONDITIONS[arguments.conditions].resizes,
+                supports=drawn.support is not None,
+                resizes=drawn.resizes,
             ),
         ),
     )
-    curriculum = CurriculumConfig(
-        residual=arguments.curriculum == "residual",
-        practice=arguments.practice,
-        explore=arguments.explore,
-        kept=arguments.kept,
-    )
     config = TrainConfig(
-        rollout=arguments.rollout,
-        start=arguments.start,
-        stiffness=arguments.stiffness,
-        deviation=arguments.deviation,
-        tolerance=arguments.tolerance,
-        hold=arguments.hold,
-        reflex=arguments.reflex,
-        conditions=arguments.conditions,
-        curriculum=curriculum,
-        adaptive_joint_range=arguments.adaptive_joint_range,
-        privileged=arguments.privileged,
+        rollout=settings.rollout,
+        stiffness=settings.stiffness,
+        deviation=settings.deviation,
+        tolerance=settings.tolerance,
+        hold=settings.hold,
+        conditions=drawn,
+        curriculum=CurriculumConfig(
+            residual=settings.residual,
+            practice=settings.practice,
+            explore=settings.explore,
+            kept=settings.kept,
+        ),
     )
     ppo = PPOConfig(
-        rate=(PPOConfig.rate[0], arguments.rate_limit),
-        entropy=arguments.entropy,
-        discount=arguments.discount,
-        target_kl=arguments.target_kl,
+        rate=(PPOConfig.rate[0], settings.rate_limit),
+        entropy=settings.entropy,
+        discount=settings.discount,
+        target_kl=settings.target_kl,
     )
     trainer = Trainer(environment, config, ppo)
-    state = distributed.furthest(state, trainer.environment.device)
     if state is not None:
-        check_same_run(state, trainer, source if arguments.resume is None else None)
         trainer.load_state_dict(state)
-        if arguments.stage is not None:
-            trainer.go_back(arguments.stage)
-        if arguments.widen is not None:
-            trainer.widen(arguments.widen)
-        if distributed.rank() == 0:
-            print(
-                f"resumed from {source} at {trainer.steps / 1e6:.1f} M steps, stage {trainer.curriculum.stage}",
-                file=sys.stderr,
-                flush=True,
-            )
+    if trainer.recipe_stage != number:
+        trainer.recipe_stage, trainer.stage_begun = number, trainer.steps
+        if settings.stage is not None:
+            trainer.go_back(settings.stage)
     return trainer
+
+
+def find_state(arguments: argparse.Namespace, device: str) -> tuple[dict | None, Path | None]:
+    """The state to go on from, of the process that has the furthest, and its file. Raises CheckpointError."""
+    checkpoint = arguments.out / CHECKPOINT
+    own = checkpoint if checkpoint.exists() else None
+    source = own or arguments.resume
+    if arguments.resume and own and arguments.resume.resolve() != own.resolve():
+        source = arguments.resume
+    state = read_state(source, device if distributed.size() == 1 else "cpu") if source else None
+    if source and source != own:  # another run's: its stages are none of this recipe
+        state |= {"recipe_stage": 0, "stage_begun": state["steps"]}
+    return distributed.furthest(state, torch.device(device)), source
 
 
 def check_same_run(state: dict, trainer: Trainer, found: Path | None) -> None:
     """Raise CheckpointError where a checkpoint that was found, not named, is of another task: two runs share a
     folder."""
     theirs = setting_of(state)
-    names = "domain", "object", "start", "controller", "reward", "max_opening"
+    names = "domain", "object", "max_opening"
     other = [name for name in names if theirs[name] != trainer.setting[name]]
     if found and other:
         raise CheckpointError(
@@ -111,7 +110,6 @@ def write_config(trainer: Trainer, path: Path) -> None:
         "environment": trainer.environment.config,
         "train": trainer.config,
         "ppo": trainer.ppo,
-        "randomisation": CONDITIONS[trainer.config.conditions],
     }
     device = trainer.environment.device
     path.write_text(
@@ -129,53 +127,98 @@ def write_config(trainer: Trainer, path: Path) -> None:
 
 
 def run(arguments: argparse.Namespace, device: str) -> dict:
-    """Train for the time or the iterations given; returns what the last line says."""
+    """Train through the recipe's stages, for the time or the iterations given at most; returns what the last line says."""
     begin = time.monotonic()
     torch.backends.cuda.matmul.allow_tf32 = True
-    trainer = make_trainer(arguments, device)
+    state, source = find_state(arguments, device)
+    number = state.get("recipe_stage", 0) if state else 0
+    if number >= len(arguments.stages):
+        return {"checkpoint": str(source), "done": True}
+    clock = Clock(arguments)
+    while True:
+        trainer = make_trainer(arguments, device, number, state)
+        if state is not None and number == state.get("recipe_stage", 0):
+            check_same_run(state, trainer, source if arguments.resume is None else None)
+            if arguments.stage is not None:
+                trainer.go_back(arguments.stage)
+            if distributed.rank() == 0:
+                print(
+                    f"resumed from {source} at {trainer.steps / 1e6:.1f} M steps, stage {trainer.curriculum.stage}",
+                    file=sys.stderr,
+                    flush=True,
+                )
+        row, over = train_stage(trainer, arguments, number, clock)
+        if not over:
+            break
+        number += 1
+        trainer.recipe_stage, trainer.stage_begun = number, trainer.steps
+        if distributed.rank() == 0:
+            trainer.save(arguments.out / CHECKPOINT)
+        if number == len(arguments.stages):
+            break
+        state = {**trainer.state_dict(), "recipe_stage": number - 1}
+        del trainer  # before the next one takes as much of the device's memory
+    overflow, setting = trainer.environment.physics.overflow(), trainer.setting
+    return {
+        "checkpoint": str(arguments.out / CHECKPOINT),
+        "domain": setting["domain"],
+        "object": setting["object"],
+        "scenario": 0,  # tasks are drawn
+        "done": number == len(arguments.stages),
+        "overflow": overflow,
+        "processes": distributed.size(),
+        **{k: row.get(k) for k in ("steps", "stage", "success", "lost", "steps_per_second")},
+        "wall_s": round(time.monotonic() - begin, 1),
+    }
+
+
+class Clock:
+    """Time and iterations that are left to a call."""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self.minutes, self.iterations, self.from_first = arguments.minutes, arguments.iterations, arguments.from_first
+        self.begun = time.monotonic()
+
+    def count(self, took: float) -> float:
+        """Count an iteration that took so many s; s that are left."""
+        now = time.monotonic()
+        self.iterations -= 1
+        if self.from_first:
+            self.begun, self.from_first = now, False
+        return min(self.minutes * 60 - (now - self.begun), self.iterations * took - 1e-3)
+
+
+def train_stage(
+    trainer: Trainer, arguments: argparse.Namespace, number: int, clock: Clock
+) -> tuple[dict[str, float], bool]:
+    """Train until the stage or the call is over; the last row of the log, and whether it was the stage."""
     distributed.check_same(trainer.networks)
-    counted = begin
-    first, checkpoint, row = distributed.rank() == 0, arguments.out / CHECKPOINT, {}
+    settings, checkpoint = arguments.stages[number], arguments.out / CHECKPOINT
+    first, saved, over = distributed.rank() == 0, time.monotonic(), False
     if first:
         arguments.out.mkdir(parents=True, exist_ok=True)
         write_config(trainer, arguments.out / "config.json")
-        log, progress, saved = (
-            Log(arguments.out / "log.csv"),
-            Progress(every=arguments.show_every),
-            time.monotonic(),
-        )
-    for number in range(1, arguments.iterations + 1):
+        log, progress = Log(arguments.out / "log.csv"), Progress(every=arguments.show_every)
+    while True:
         started, before = time.monotonic(), trainer.steps
         row = trainer.iterate()
         now = time.monotonic()
         trainer.seconds += now - started
-        if number == 1 and arguments.from_first:
-            counted = now
-        left = min(arguments.minutes * 60 - (now - counted), (arguments.iterations - number) * (now - started))
+        left = clock.count(now - started)
+        rate = (trainer.steps - before) / (now - started)
         if first:
-            row |= {
-                "steps_per_second": (trainer.steps - before) / (now - started),
-                "elapsed": trainer.seconds,
-            }
+            of_stage = (settings.steps * 1e6 + trainer.stage_begun - trainer.steps) / rate
+            row |= {"recipe_stage": number, "steps_per_second": rate, "elapsed": trainer.seconds}
             log.write(row)
-            progress.show(row, max(left, 0.0))
+            progress.show(row, max(min(left, of_stage), 0.0))
             if now - saved >= arguments.save_every:
                 trainer.save(checkpoint)
                 saved = now
-        if distributed.any_of(left < 0, trainer.environment.device):
+        over = trainer.is_over(settings.success, settings.steps * 1e6)
+        if over or distributed.any_of(left < 0, trainer.environment.device):
             break
     distributed.check_same(trainer.networks)
     if first:
         progress.end()
         trainer.save(checkpoint)
-    return {
-        "checkpoint": str(checkpoint),
-        "domain": trainer.setting["domain"],
-        "object": trainer.setting["object"],
-        "scenario": 0,  # tasks are drawn
-        "reward": trainer.setting["reward"],
-        "overflow": trainer.environment.physics.overflow(),
-        "processes": distributed.size(),
-        **{k: row.get(k) for k in ("steps", "stage", "success", "lost", "steps_per_second")},
-        "wall_s": round(time.monotonic() - begin, 1),
-    }
+    return row, over

@@ -38,7 +38,6 @@ _CARD = """# {title}
 | file | `{file}`, sha256 `{digest}`, of its tensors alone `{tensors}` |
 | domain | {domain} |
 | object | {played} |
-| reward | {reward} |
 | data | simulated episodes only (MuJoCo Warp, `np_training.environment.environment`); no real data |
 | training | {steps:.0f} M policy steps ({physics:.1f} G physics steps), seed {seed}, {machine} |
 | command | `{command}` |
@@ -101,12 +100,7 @@ def figure_table(lines: list[dict]) -> str:
 
 
 def check_releasable(setting: dict, evaluations: list[dict]) -> None:
-    """Raise ValueError for a run that the nodes cannot deploy, or that was never evaluated, or with another object."""
-    for name, expected in (("start", "contact"), ("controller", "impedance")):
-        if setting.get(name, expected) != expected:
-            raise ValueError(
-                f"release: expected a run with {name} {expected}, which the nodes deploy, got {setting[name]}"
-            )
+    """Raise ValueError for a run in other contacts than the domain's scene, or that was never evaluated, or with another object."""
     deployed = find_domain(setting["domain"]).contact.name
     if (contact := setting.get("contact", UNSAID["contact"])) != deployed:
         raise ValueError(
@@ -165,7 +159,9 @@ def release(
     seed = run.config.get("environment", {}).get("seed", 0)
     post = PostContactPolicy()
     post.load_state_dict({name[5:]: tensor for name, tensor in state["networks"].items() if name.startswith("post.")})
-    contracts = {kind: trained_contract(kind, find_domain(domain), setting["controller"]) for kind in KINDS}
+    contracts = {
+        kind: trained_contract(kind, find_domain(domain), damping_floor=setting["damping_floor"]) for kind in KINDS
+    }
     modules = {POST_CONTACT: post, PRE_CONTACT: load(PreContactStudent(), student, contracts[PRE_CONTACT])}
     today = datetime.date.today().isoformat()
     weights.mkdir(parents=True, exist_ok=True)
@@ -183,7 +179,6 @@ def release(
                 tensors=tensors_sha256(file),
                 domain=domain,
                 played=played,
-                reward=setting["reward"],
                 steps=state["steps"] / 1e6,
                 physics=state["steps"] * PHYSICS_STEPS / 1e9,
                 seed=seed,
@@ -204,7 +199,6 @@ def release(
                 "command": command,
                 "seed": seed,
                 "object": played,
-                "reward": setting["reward"],
                 "machine": machine,
                 "date": today,
                 "note": note,

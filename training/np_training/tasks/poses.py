@@ -14,8 +14,8 @@ from np_description.domains import Domain, Region
 
 @dataclass(frozen=True)
 class Poses:
-    """position (n, 3) m and quaternion wxyz (n, 4), base frame; scale (n,): how many times the domain's own size the object there has
-    (None: once)."""
+    """position (n, 3) m and quaternion wxyz (n, 4), base frame; scale (n, 3): how many times as long the object's edges are there
+    as the domain's own (None: once)."""
 
     position: torch.Tensor
     quaternion: torch.Tensor
@@ -27,7 +27,7 @@ class Poses:
     def half_size(self, domain: Domain) -> torch.Tensor:
         """Of the objects, (3,) or (n, 3) m."""
         half = torch.tensor(domain.half_size, dtype=self.position.dtype, device=self.position.device)
-        return half if self.scale is None else half * self.scale[:, None]
+        return half if self.scale is None else half * self.scale
 
 
 def uniform(count: int, bounds: tuple[float, float], generator: torch.Generator) -> torch.Tensor:
@@ -36,11 +36,9 @@ def uniform(count: int, bounds: tuple[float, float], generator: torch.Generator)
     return low + (high - low) * torch.rand(count, generator=generator, device=generator.device)
 
 
-def uniform_with_ends(count: int, bounds: tuple[float, float], ends: float, generator: torch.Generator) -> torch.Tensor:
-    """(count,) numbers of which a share `ends`, 0 to less than 1, is one of the two bounds, half of them each, and the others are uniform between."""
-    low, high = bounds
-    beyond = (high - low) * ends / (1 - ends) / 2
-    return uniform(count, (low - beyond, high + beyond), generator).clamp(low, high)
+def edges(count: int, bounds: tuple[float, float], generator: torch.Generator) -> torch.Tensor:
+    """Factors (count, 3) of an object's edges, each uniform in bounds."""
+    return uniform(3 * count, bounds, generator).reshape(count, 3)
 
 
 def sample_poses(domain: Domain, region: Region, count: int, generator: torch.Generator) -> Poses:

@@ -14,7 +14,7 @@ import torch
 from np_common.rotations import matrix_from_quaternion
 from np_description.domains import Domain
 from np_training.tasks.kinds import Kind, height_at_rest
-from np_training.tasks.poses import Poses, draw_apart, uniform, uniform_with_ends
+from np_training.tasks.poses import Poses, draw_apart, edges, uniform
 from np_training.tasks.registry import find_task
 
 
@@ -34,10 +34,9 @@ def draw_tasks(
     count: int,
     generator: torch.Generator,
     size: tuple[float, float] = (1.0, 1.0),
-    size_ends: float = 0.0,
 ) -> Tasks:
-    """(count,) tasks in random order, of which each of the kinds of the domain's task has its share; size: range of the factor that the
-    object's edges have, size_ends: share that has one of its ends."""
+    """(count,) tasks in random order, of which each of the kinds of the domain's task has its share; size: range of the factor that each
+    of the object's edges has."""
     ends = [round(sum(shares[: k + 1]) * count) for k in range(len(shares) - 1)]
     parts = [
         _draw_kind(domain, number, kind, end - begin, generator)
@@ -53,7 +52,7 @@ def draw_tasks(
         for poses in ([p.starts for p in parts], [p.goals for p in parts])
     )
     if size != (1.0, 1.0):
-        scale = uniform_with_ends(count, size, size_ends, generator)
+        scale = edges(count, size, generator)
         starts, goals = (scaled(domain, poses, scale) for poses in (starts, goals))
     return Tasks(starts, goals, joined([p.kind for p in parts]), joined([p.sunk for p in parts]))
 
@@ -78,10 +77,10 @@ def _lowered(domain: Domain, poses: Poses, share: torch.Tensor) -> Poses:
 
 
 def scaled(domain: Domain, poses: Poses, scale: torch.Tensor) -> Poses:
-    """Where objects `scale` (n,) times as large are in place of those at the poses: on the same surface, and beside an obstacle with the
+    """Where objects with edges `scale` (n, 3) times as long are in place of those at the poses: on the same surface, and beside an obstacle with the
     same gap to it."""
-    reach = (matrix_from_quaternion(poses.quaternion).abs() * torch.tensor(domain.half_size).to(scale)).sum(-1)
-    more = (scale - 1)[:, None] * reach  # along x, y, z
+    longer = (scale - 1) * torch.tensor(domain.half_size).to(scale)
+    more = (matrix_from_quaternion(poses.quaternion).abs() * longer[:, None]).sum(-1)  # along x, y, z
     position = poses.position.clone()
     position[:, 2] += more[:, 2]
     for box in domain.obstacles:

@@ -1,17 +1,13 @@
-"""The tasks that can be trained, by the names of their domains, and the rewards, by theirs."""
+"""The tasks that can be trained, by the names of their domains."""
 
 from __future__ import annotations
 
 from np_training.tasks.bump import BUMP
 from np_training.tasks.card import CARD
 from np_training.tasks.config import TaskConfig
-from np_training.tasks.paper_reward import PaperReward
-from np_training.tasks.rewards import RewardConfig
 from np_training.tasks.wall import WALL
 
 TASKS = {task.domain.name: task for task in (CARD, BUMP, WALL)}
-Reward = RewardConfig | PaperReward
-REWARDS = {reward.name: reward for reward in (RewardConfig, PaperReward)}
 
 
 def find_task(name: str) -> TaskConfig:

@@ -12,12 +12,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from np_policy.action import normalised_stiffness
 
 if TYPE_CHECKING:
     import torch  # slow, and nothing here but its tensors is meant
+
+FORCE_FREE, FORCE_SPAN = 15.0, 15.0  # N: up to which a touch is free; beyond that, where half of the price is charged
+TOUCH_SPEED = 0.08  # m/s: the hand's effective mass of some 4 kg then gives 30 N over the reflex's filter
+BARE_FIRST = 0.25  # share of the price of housing and links that is charged from the beginning
 
 
 @dataclass(frozen=True)
@@ -33,21 +37,44 @@ class Measures:
 
 
 @dataclass(frozen=True)
+class Touch:
+    """What the robot felt in a step, in worlds (n,)."""
+
+    force: torch.Tensor
+    """Largest filtered external force at the hand, N."""
+    speed: torch.Tensor
+    """Speed of a first touch along its force, m/s; 0 without one."""
+    bare: torch.Tensor
+    """Whether housing or links touched the object."""
+    finger: torch.Tensor
+    """Whether fingertips touched the object."""
+    strictness: float = 1.0
+    """How much of the prices is charged, 0 to 1: it rises with the curriculum, so that a policy learns to touch first."""
+
+
+def saturating(share: torch.Tensor) -> torch.Tensor:
+    """0 up to a share of 0, with slope 0 there, 1/2 at a share of 1, towards 1 beyond: no blow costs more than not finishing."""
+    square = share.clamp(min=0).square()
+    return square / (1 + square)
+
+
+@dataclass(frozen=True)
 class RewardConfig:
     """distance (C1, m), success (C2), gains (a joint, at its largest stiffness), failure (C4: lost object, no collision-free contact);
-    bare: a step at whose end housing or links touch the object, which are hard, smooth and not made for it; change: of the squared
+    bare: a step in which housing or links touch the object, which are hard, smooth and not made for it; force: a step at a filtered force
+    far beyond FORCE_FREE, half of it FORCE_SPAN beyond; touch: a first touch far faster than TOUCH_SPEED, half of it at that speed; change: of the squared
     change of the pose residual from one step to the next, in shares of its limits: 24 where all six go from one end to the other, with
     which a policy works an object loose by a simulator's own friction (docs/decisions/policies.md); hidden: of a step at whose end the
     arm hides every corner from the camera, less where it hides fewer (`Sight`); weights of the potentials:
     progress, far (for 1 m), turn (for half a turn), reach (for .1 m); scale: of the sum, for the value network's sake."""
 
-    name: ClassVar[str] = "potentials"
-
     distance: float = 0.02
     success: float = 1000.0
     gains: float = 0.03
     failure: float = -100.0
-    bare: float = -2.5
+    bare: float = -10.0
+    force: float = -10.0
+    touch: float = -20.0
     change: float = 0.0
     hidden: float = 0.0
     progress: float = 10.0
@@ -72,19 +99,21 @@ class RewardConfig:
         success: torch.Tensor,
         lost: torch.Tensor,
         stiffness: torch.Tensor,
-        bare: torch.Tensor,
+        touch: Touch,
         change: torch.Tensor,
         hidden: torch.Tensor,
     ) -> dict[str, torch.Tensor]:
-        """Each term (n,), scaled. before, after: around the step; success, lost (n,) bool; stiffness (n, 7) Nm/rad; bare (n,)
-        bool: whether housing or links touch the object; change (n, 6): of the pose residual since the last step, in [-2, 2];
+        """Each term (n,), scaled. before, after: around the step; success, lost (n,) bool; stiffness (n, 7) Nm/rad; touch: what the robot felt;
+        change (n, 6): of the pose residual since the last step, in [-2, 2];
         hidden (n,): how far the camera is from seeing enough, 0 to 1."""
         old, new = self.potentials(before), self.potentials(after)
         terms = {name: new[name] - old[name] for name in new} | {
             "success": self.success * success,
             "gains": -self.gains * normalised_stiffness(stiffness).sum(-1),
             "failure": self.failure * lost,
-            "bare": self.bare * bare,
+            "bare": self.bare * (BARE_FIRST + (1 - BARE_FIRST) * touch.strictness) * touch.bare,
+            "force": self.force * touch.strictness * saturating((touch.force - FORCE_FREE) / FORCE_SPAN),
+            "touch": self.touch * touch.strictness * saturating(touch.speed / TOUCH_SPEED),
             "change": -self.change * (change * change).sum(-1),
             "hidden": -self.hidden * hidden,
         }

@@ -45,10 +45,12 @@ class Target:
     damping_ratio: object
 
 
-def decode(action, position, rotation, limits: ResidualLimits) -> Target:
+def decode(
+    action, position, rotation, limits: ResidualLimits, damping_floor: float = DAMPING_RATIO_MIN
+) -> Target:
     """The target of an action (..., 20), cut to [-1, 1], given T_E now: position (..., 3) m, rotation (..., 3, 3).
 
-    limits: in deployment those in the contract of the weights that chose the action.
+    limits, damping_floor (the damping ratio at -1): in deployment those in the contract of the weights that chose the action.
     """
     xp = namespace(action)
     action = xp.clip(action, -1.0, 1.0)
@@ -59,7 +61,7 @@ def decode(action, position, rotation, limits: ResidualLimits) -> Target:
         low, high = (xp.as_tensor(a, dtype=action.dtype, device=action.device) for a in (low, high))
     # Geometric: a step of the action changes a soft and a stiff joint by the same factor.
     stiffness = low * (high / low) ** share[..., :7]
-    ratio = DAMPING_RATIO_MIN + share[..., 7:] * (DAMPING_RATIO_MAX - DAMPING_RATIO_MIN)
+    ratio = damping_floor + share[..., 7:] * (DAMPING_RATIO_MAX - damping_floor)
     return Target(position + action[..., :3] * limits.position, turn @ rotation, stiffness, ratio)
 
 
