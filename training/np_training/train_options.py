@@ -71,7 +71,8 @@ def parse() -> argparse.Namespace:
         )
         arguments.effects = load_effects(arguments.effects)
         arguments.stages = tuple(_complete(recipe.domain, stage) for stage in recipe.stages)
-        arguments.played = played_domain(recipe.domain, arguments.object, arguments.stages[0])
+        for stage in arguments.stages:
+            played_domain(recipe.domain, arguments.object, stage)
     except (ValueError, RecipeError) as error:
         parser.error(str(error))
     arguments.domain = recipe.domain

@@ -22,7 +22,7 @@ from np_training.ppo.progress import Progress
 from np_training.ppo.trainer import Trainer
 from np_training.setting import setting_of
 from np_training.tasks.rewards import RewardConfig
-from np_training.train_options import CHECKPOINT
+from np_training.train_options import CHECKPOINT, played_domain
 
 
 def make_trainer(arguments: argparse.Namespace, device: str, number: int, state: dict | None) -> Trainer:
@@ -30,7 +30,7 @@ def make_trainer(arguments: argparse.Namespace, device: str, number: int, state:
     settings = arguments.stages[number]
     drawn = settings.drawn
     environment = Environment(
-        arguments.played,
+        played_domain(arguments.domain, arguments.object, settings),
         device,
         EnvironmentConfig(
             worlds=arguments.worlds,

@@ -51,11 +51,22 @@ class PolicyContract(Contract):
     policy_rate: float
     residual_limits: dict[str, float] = noted()
     stiffness_range: tuple[list[float], list[float]]
-    damping_ratio_range: tuple[float, float]
+    damping_ratio_range: tuple[float, float] = noted()  # `compare` sees to it
     joint_limits: dict[str, list[float]]
     contact: dict[str, object] = warned("was trained under other contacts than those of this scene")
     control_rate: float | None = noted(default=None)
     target_delay: tuple[float, float] | None = noted(default=None)
+
+    def compare(self, text: str | None, path: str | Path) -> list[str]:
+        """As of every contract; the range of damping ratios has to lie within this one's."""
+        warnings = super().compare(text, path)
+        low, high = json.loads(text).get("damping_ratio_range", (0.0, 0.0))
+        if not self.damping_ratio_range[0] <= low < high == self.damping_ratio_range[1]:
+            raise WeightsError(
+                f"weights: {path} were trained for something else: damping_ratio_range: expected one within "
+                f"{list(self.damping_ratio_range)} up to its end, got {[low, high]}"
+            )
+        return warnings
 
     @classmethod
     def of(
@@ -108,6 +119,11 @@ def weights_file(kind: str, domain: Domain, folder: str | Path = "") -> Path:
     folder: as for `np_description.weights.released.weights_folder`. Raises WeightsError if there is no folder.
     """
     return weights_folder(folder) / f"{kind}_{domain.name}.safetensors"
+
+
+def damping_floor(path: str | Path) -> float:
+    """The least damping ratio of actions of checked weights."""
+    return json.loads(read_metadata(path)[KEY])["damping_ratio_range"][0]
 
 
 def check_weights(domain: Domain, folder: str | Path = "") -> list[str]:

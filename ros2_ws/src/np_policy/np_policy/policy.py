@@ -21,7 +21,7 @@ from np_description.weights.header import read_metadata
 from np_perception.pose_estimation import PoseError, are_enough, estimate_pose, project_keypoints, usable
 from np_policy import action, hand_pose, weights
 from np_policy.action import PolicyError
-from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, residual_limits
+from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, damping_floor, residual_limits
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.observation import post_contact_observation, student_observation
 from np_policy.other_size import carried_over, known_domain, known_in_place, sizes_known
@@ -124,6 +124,7 @@ class PostContactController:
         contract = PolicyContract.of(POST_CONTACT, domain, policy_rate=policy_rate)
         self._network, self.warnings = weights.load(PostContactPolicy(), file, contract), contract.check(file)
         self._limits = residual_limits(file)
+        self._damping_floor = damping_floor(file)
         self._domain, self._camera, self._min_score = domain, camera, min_score
         self._peek_after = peek_after
         self.reset()
@@ -145,10 +146,10 @@ class PostContactController:
         self._blind = 0 if are_enough(keypoints, self._min_score) else self._blind + 1
         if self._peek_after and self._blind > self._peek_after:
             self.last_action = _UP if position[2] < PEEK_HEIGHT else np.zeros(action.SIZE)
-            return action.decode(self.last_action, position, rotation, self._limits)
+            return action.decode(self.last_action, position, rotation, self._limits, self._damping_floor)
         seen = self._fill(keypoints)
         if seen is None:
-            return action.decode(np.zeros(action.SIZE), position, rotation, self._limits)
+            return action.decode(np.zeros(action.SIZE), position, rotation, self._limits, self._damping_floor)
         here, there = self._camera.normalise(seen), self._camera.normalise(np.asarray(goal)[:, :2])
         here, there = renamed(self._domain, here, there)
         state = post_contact_observation(
@@ -158,7 +159,7 @@ class PostContactController:
         if not np.isfinite(chosen).all():
             raise PolicyError(f"post-contact policy: expected 20 finite numbers, got {chosen.tolist()}")
         self.last_action = chosen
-        return action.decode(chosen, position, rotation, self._limits)
+        return action.decode(chosen, position, rotation, self._limits, self._damping_floor)
 
     def _fill(self, keypoints) -> np.ndarray | None:
         """Pixels (8, 2): those seen well, the others from the pose that explains them, or as they were last."""
