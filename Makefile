@@ -88,8 +88,8 @@ rehearse: $(if $(filter physx,$(ENGINE)),physx,setup) ## BAG="runs/suite_000 run
 	@$(ACTIVATE) exec ros2 run np_evaluation finetune $(BAG) --domain $(DOMAIN) --object $(OBJECT) --seed $(SEED) --jobs $(JOBS) \
 		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
 
-train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that is there
-	@$(ACTIVATE) exec python -m $(if $(GPUS),torch.distributed.run --standalone --nproc-per-node $(GPUS) -m )np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)
+train: setup ## DOMAIN SEED GPUS: make its policies by recipes/DOMAIN.yaml, from nothing to judged weights; killed, it goes on
+	@$(ACTIVATE) exec python -m $(if $(GPUS),torch.distributed.run --standalone --nproc-per-node $(GPUS) -m )np_training.train --recipe recipes/$(DOMAIN).yaml --seed $(SEED) --out runs/$(DOMAIN)_$(SEED) $(ARGS)
 
 identify: setup ## BAG="run1 run2" | none: a simulated arm; friction, damping, armature and what they explain
 	@$(ACTIVATE) exec python -m np_blind.baselines.identify $(or $(BAG),--simulate) --seed $(SEED) $(ARGS)

@@ -21,7 +21,7 @@ from np_training.environment.environment import Environment, EnvironmentConfig, 
 from np_training.physics.batched import ARM, BatchedPhysics
 from np_training.physics.batched_kinematics import forward_kinematics
 from np_training.physics.config import CONTROLLERS, PhysicsConfig, physics_for
-from np_training.tasks.randomisation import NOMINAL_CONDITIONS, ROBUST, STRANGE
+from np_training.tasks.randomisation import NOMINAL_CONDITIONS, ROBUST
 
 WORLDS, SUBSTEPS = 4, 3
 
@@ -164,7 +164,7 @@ def test_fingertips_reach_further_and_turn_in_the_worlds_where_they_are_bent():
 
 
 def test_strange_conditions_reach_the_physics():
-    config = EnvironmentConfig(worlds=64, conditions=STRANGE, physics=physics_for("swift", substeps=1, supports=True))
+    config = EnvironmentConfig(worlds=64, conditions=ROBUST, physics=physics_for("swift", substeps=1, supports=True))
     env = Environment(CARD, "cpu", config)
     env._draw_conditions(torch.arange(64), env.physics.qpos[:, ARM])
     times = env.physics.varied._solref[:, 0, 0] / env.physics.varied._reference[0, 0]
@@ -278,18 +278,6 @@ def test_keypoints_are_as_old_as_the_image():
     seen = env._seen_corners(env.objects)
     middle = seen.mean(1)
     assert torch.allclose(middle[:, 1], torch.tensor(0.01), atol=1e-6)
-
-
-def test_some_objects_are_shoved_and_no_arm_is():
-    conditions = replace(NOMINAL_CONDITIONS, shove=0.25, shove_velocity=0.3, shove_rotation=2.0)
-    env = Environment(CARD, "cpu", EnvironmentConfig(worlds=2048, conditions=conditions))
-    before = env.physics.qvel.clone()
-    env._shove()
-    change = env.physics.qvel - before
-    hit = change[:, 9:].abs().amax(-1) > 0
-    assert not change[:, :9].any() and float(hit.float().mean()) == pytest.approx(0.25, abs=0.05)
-    assert float(change[hit, 9:12].std()) == pytest.approx(0.3, rel=0.1)
-    assert float(change[hit, 12:].std()) == pytest.approx(2.0, rel=0.1)
 
 
 def test_a_camera_that_is_off_shifts_what_is_seen():

@@ -12,7 +12,6 @@ from np_description.weights.header import tensors_sha256
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.weights import WeightsError, load, save, sha256
-from np_training import compare
 from np_training.episodes.evaluation import rate, read_checkpoint
 from np_training.ppo.config import PPOConfig
 from np_training.ppo.learner import Learner
@@ -80,14 +79,14 @@ def folder(tmp_path):
                 "command": ["train.py", "--domain", "bump", "--out", "my run"],
                 "device": "<GPU>",
                 "processes": 2,
-                "setting": {"domain": "bump", "object": "dense", "reward": "paper"},
+                "setting": {"domain": "bump", "object": "dense"},
                 "environment": {"seed": 7, "physics": {"substeps": 20}},
             }
         )
     )
     (path / "evaluation.jsonl").write_text(json.dumps(EVALUATION) + "\n")
     torch.manual_seed(0)
-    setting = {"domain": "bump", "start": "contact", "controller": "impedance", "limit": 150, "contact": "hard"}
+    setting = {"domain": "bump", "limit": 150, "contact": "hard"}
     networks = ActorCritic()
     learners = {
         "post": Learner(networks.post, networks.post_value, PPOConfig(), rate=7e-5).state_dict(),
@@ -127,7 +126,6 @@ def test_the_report_says_what_the_run_did(folder):
         "bump_0001_lost",
         "data:video/webm;base64,",
         '<td class="name">object</td><td class="number">dense</td>',
-        '<td class="name">reward</td><td class="number">paper</td>',
         "lost 3",
         "10000,",
     ):
@@ -140,21 +138,6 @@ def test_a_folder_without_a_log_is_refused(tmp_path):
     (tmp_path / "log.csv").write_text("")
     with pytest.raises(ValueError, match="found none in it"):
         read_run(tmp_path)
-
-
-def test_runs_are_compared_by_when_they_reach_a_success(folder, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(
-        "sys.argv",
-        ["compare", f"with={folder}", f"{folder}", "--success", "0.9", "--out", str(tmp_path / "both")],
-    )
-    compare.main()
-    result = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
-    assert set(result["runs"]) == {"with", "bump"} and result["runs"]["with"]["seed"] == 7
-    assert (result["runs"]["with"]["object"], result["runs"]["with"]["reward"]) == ("dense", "paper")
-    assert result["runs"]["with"]["reached"] == reached(read_log(folder / "log.csv"), 0.9)
-    assert result["runs"]["with"]["evaluations"][0]["success"] == EVALUATION["success"]
-    assert json.loads((tmp_path / "both.json").read_text()) == result
-    assert cv2.imread(str(tmp_path / "both.png")).std() > 5
 
 
 def test_a_release_has_the_weights_of_the_run_and_its_figures(folder, tmp_path):
@@ -217,10 +200,6 @@ def test_a_student_of_another_task_is_not_released(folder, tmp_path):
 
 
 def test_what_the_nodes_cannot_deploy_is_not_released():
-    with pytest.raises(ValueError, match="expected a run with controller impedance.* got osc"):
-        check_releasable({"domain": "bump", "controller": "osc"}, [EVALUATION])
-    with pytest.raises(ValueError, match="expected a run with start contact.* got above"):
-        check_releasable({"domain": "bump", "start": "above"}, [EVALUATION])
     with pytest.raises(ValueError, match="expected a run in hard contacts.* got soft"):
         check_releasable({"domain": "bump"}, [EVALUATION])
     with pytest.raises(ValueError, match="expected evaluation.jsonl"):

@@ -40,8 +40,6 @@ class Settings:
     """The stage ends at this success of randomised episodes."""
     steps: float = float("inf")
     """Million policy steps, after which the stage ends anyway."""
-    stage: int | None = None
-    """Stage of the curriculum at which it begins; None: where the one before ended."""
     residual: bool = CurriculumConfig.residual
     """See `CurriculumConfig`."""
     limit: int | None = None

@@ -46,7 +46,7 @@ class Run:
         processes, setting = config.get("processes", 1), config.get("setting", {})
         facts = [
             ("command", " ".join(config.get("command", []))),
-            *((name, setting[name]) for name in ("object", "reward") if name in setting),
+            *((("object", setting["object"]),) if "object" in setting else ()),
             ("machine", f"{processes} x {config.get('device', 'not recorded')}"),
             (
                 "policy steps",

@@ -306,6 +306,10 @@ class Trainer:
         torch.save(self.state_dict(), partial)
         os.replace(partial, path)
 
+    def begin_stage(self, number: int) -> None:
+        """Begin stage `number` of a recipe; its success counts from its own episodes on."""
+        self.recipe_stage, self.stage_begun, self.curriculum.episodes = number, self.steps, 0
+
     def is_over(self, success: float | None, steps: int) -> bool:
         """Whether a recipe's stage is over: at this success of a window of randomised episodes, or after so many steps."""
         curriculum = self.curriculum

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import torch
+import warp as wp
 
 from np_training.checkpoints import CheckpointError, read_state
 from np_training.environment.environment import Environment, EnvironmentConfig
@@ -71,10 +72,6 @@ def make_trainer(arguments: argparse.Namespace, device: str, number: int, state:
     trainer = Trainer(environment, config, ppo)
     if state is not None:
         trainer.load_state_dict(state)
-    if trainer.recipe_stage != number:
-        trainer.recipe_stage, trainer.stage_begun = number, trainer.steps
-        if settings.stage is not None:
-            trainer.go_back(settings.stage)
     return trainer
 
 
@@ -130,14 +127,15 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
     """Train through the recipe's stages, for the time or the iterations given at most; returns what the last line says."""
     begin = time.monotonic()
     torch.backends.cuda.matmul.allow_tf32 = True
+    wp.config.quiet = True  # a line a module; `train_stage` says when the kernels are there
     state, source = find_state(arguments, device)
     number = state.get("recipe_stage", 0) if state else 0
     if number >= len(arguments.stages):
         return {"checkpoint": str(source), "done": True}
-    clock = Clock(arguments)
+    clock, resumed = Clock(arguments), state is not None
     while True:
         trainer = make_trainer(arguments, device, number, state)
-        if state is not None and number == state.get("recipe_stage", 0):
+        if resumed:
             check_same_run(state, trainer, source if arguments.resume is None else None)
             if arguments.stage is not None:
                 trainer.go_back(arguments.stage)
@@ -147,16 +145,17 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
                     file=sys.stderr,
                     flush=True,
                 )
-        row, over = train_stage(trainer, arguments, number, clock)
+        resumed = False
+        row, over, spent = train_stage(trainer, arguments, number, clock)
         if not over:
             break
         number += 1
-        trainer.recipe_stage, trainer.stage_begun = number, trainer.steps
+        trainer.begin_stage(number)
         if distributed.rank() == 0:
             trainer.save(arguments.out / CHECKPOINT)
-        if number == len(arguments.stages):
+        if spent or number == len(arguments.stages):
             break
-        state = {**trainer.state_dict(), "recipe_stage": number - 1}
+        state = trainer.state_dict()
         del trainer  # before the next one takes as much of the device's memory
     overflow, setting = trainer.environment.physics.overflow(), trainer.setting
     return {
@@ -177,7 +176,7 @@ class Clock:
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self.minutes, self.iterations, self.from_first = arguments.minutes, arguments.iterations, arguments.from_first
-        self.begun = time.monotonic()
+        self.begun, self.compiles = time.monotonic(), True
 
     def count(self, took: float) -> float:
         """Count an iteration that took so many s; s that are left."""
@@ -190,8 +189,8 @@ class Clock:
 
 def train_stage(
     trainer: Trainer, arguments: argparse.Namespace, number: int, clock: Clock
-) -> tuple[dict[str, float], bool]:
-    """Train until the stage or the call is over; the last row of the log, and whether it was the stage."""
+) -> tuple[dict[str, float], bool, bool]:
+    """Train until the stage or the call is over; the last row of the log, and whether the stage is over, and the call."""
     distributed.check_same(trainer.networks)
     settings, checkpoint = arguments.stages[number], arguments.out / CHECKPOINT
     first, saved, over = distributed.rank() == 0, time.monotonic(), False
@@ -203,6 +202,9 @@ def train_stage(
         started, before = time.monotonic(), trainer.steps
         row = trainer.iterate()
         now = time.monotonic()
+        if first and clock.compiles:
+            print(f"kernels ready after {now - started:.0f} s, with the first iteration", file=sys.stderr, flush=True)
+        clock.compiles = False
         trainer.seconds += now - started
         left = clock.count(now - started)
         rate = (trainer.steps - before) / (now - started)
@@ -215,10 +217,11 @@ def train_stage(
                 trainer.save(checkpoint)
                 saved = now
         over = trainer.is_over(settings.success, settings.steps * 1e6)
-        if over or distributed.any_of(left < 0, trainer.environment.device):
+        spent = distributed.any_of(left < 0, trainer.environment.device)
+        if over or spent:
             break
     distributed.check_same(trainer.networks)
     if first:
         progress.end()
         trainer.save(checkpoint)
-    return row, over
+    return row, over, spent

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from np_common.html_pages import style
+from np_description.force_reflex import FORCE_REFLEX
 from np_training.ppo.curriculum import STAGES
 from np_training.reports.words import said
 
@@ -38,30 +39,15 @@ def reached(rows: Rows, success: float) -> dict[str, float] | None:
 
 
 def draw_curves(rows: Rows) -> Figure:
-    """Success, stage, reward terms, episodes, contacts, optimisation and speed against policy steps."""
+    """Success, stage, forces, reward terms, episodes, contacts, optimisation and speed against policy steps."""
     with style():
-        figure = Figure(figsize=(11, 10.5), layout="constrained")
-        axes = figure.subplots(3, 2, sharex=True).flat
-        for ax, draw in zip(axes, (_success, _rewards, _ends, _contacts, _optimisation, _speed)):
+        figure = Figure(figsize=(11, 14), layout="constrained")
+        axes = figure.subplots(4, 2, sharex=True).flat
+        panels = (_success, _forces, _rewards, _ends, _contacts, _touches, _optimisation, _speed)
+        for ax, draw in zip(axes, panels):
             draw(ax, rows)
-        for ax in figure.axes[4:6]:
+        for ax in figure.axes[6:8]:
             ax.set_xlabel("million policy steps")
-    return figure
-
-
-def draw_comparison(runs: dict[str, Rows]) -> Figure:
-    """Success and curriculum stage of several runs against policy steps and wall time."""
-    with style():
-        figure = Figure(figsize=(11, 5.5), layout="constrained")
-        axes = figure.subplots(2, 2, sharex="col", sharey="row")
-        for number, (name, rows) in enumerate(runs.items()):
-            for side, x in enumerate((column(rows, "steps") / 1e6, column(rows, "elapsed") / 60)):
-                axes[0, side].plot(x, column(rows, "success"), color=f"C{number}", label=name, linewidth=1)
-                axes[1, side].step(x, column(rows, "stage"), color=f"C{number}", where="post", linewidth=1)
-        axes[0, 0].set(ylabel="success of ended episodes", ylim=(0, 1.02))
-        axes[1, 0].set(ylabel=f"stage ({STAGES + 1}: randomised)", xlabel="million policy steps")
-        axes[1, 1].set_xlabel("minutes")
-        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     return figure
 
 
@@ -99,6 +85,22 @@ def _success(ax: Axes, rows: Rows) -> None:
     stage.grid(False)
 
 
+def _forces(ax: Axes, rows: Rows) -> None:
+    _lines(ax, rows, {"force_median": "median", "force_q99": "99 %", "force_max": "largest"})
+    ax.axhline(FORCE_REFLEX.force, color="0.5", linewidth=0.8)  # where the robot stops
+    ax.set_yscale("log")
+    ax.set(ylabel="largest filtered force of an episode, N")
+
+
+def _touches(ax: Axes, rows: Rows) -> None:
+    _lines(
+        ax,
+        rows,
+        {"touching": "robot touches the object", "bare": "of it housing or links", "pressed": "stopped by force"},
+    )
+    ax.set(ylabel="share", ylim=(0, 1.02))
+
+
 def _rewards(ax: Axes, rows: Rows) -> None:
     names = sorted({name for row in rows for name in row if name.startswith("reward_")})
     _lines(ax, rows, {name: name[len("reward_") :].replace("_", " ") for name in names})
@@ -122,7 +124,6 @@ def _contacts(ax: Axes, rows: Rows) -> None:
             "lost": "objects lost",
             "stopped": "stopped by the reflex",
             "practice": "practice",
-            "joint_range": "joint range",
         },
     )
     ax.set(ylabel="share", ylim=(0, 1.02))

@@ -49,7 +49,7 @@ class Touch:
     finger: torch.Tensor
     """Whether fingertips touched the object."""
     strictness: float = 1.0
-    """How much of the prices is charged, 0 to 1: it rises with the curriculum, so that a policy learns to touch first."""
+    """How much of the prices on how a task is done is charged, 0 to 1: it rises with the curriculum, so that a policy learns to touch first."""
 
 
 def saturating(share: torch.Tensor) -> torch.Tensor:
@@ -114,7 +114,7 @@ class RewardConfig:
             "bare": self.bare * (BARE_FIRST + (1 - BARE_FIRST) * touch.strictness) * touch.bare,
             "force": self.force * touch.strictness * saturating((touch.force - FORCE_FREE) / FORCE_SPAN),
             "touch": self.touch * touch.strictness * saturating(touch.speed / TOUCH_SPEED),
-            "change": -self.change * (change * change).sum(-1),
-            "hidden": -self.hidden * hidden,
+            "change": -self.change * touch.strictness * (change * change).sum(-1),
+            "hidden": -self.hidden * touch.strictness * hidden,
         }
         return {name: self.scale * term for name, term in terms.items()}
