@@ -361,7 +361,7 @@ class Environment:
         distance, angle = pose_error(objects.position, objects.quaternion, self.goals.position, self.goals.quaternion)
         self.held = torch.where(is_success(self.domain, distance, angle, config.tolerance), self.held + 1, 0)
         peaks = physics.forces.peaks.nan_to_num(nan=0.0)
-        self.force = self.force.maximum(peaks[[FORCE, RAW]])
+        self.force = self.force.maximum(peaks[: RAW + 1])
         pressed = peaks[SHARE] > force_scale(config.strictness) * self.force_margin
         if not config.force_reflex:
             pressed = torch.zeros_like(broken)
