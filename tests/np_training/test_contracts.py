@@ -49,7 +49,7 @@ def test_an_exported_detector_goes_with_its_weights(tmp_path):
     onnx.save(model, network)
     with pytest.raises(WeightsError, match="got none.*keypoint_detector_card.safetensors` adds one"):
         KeypointDetector(CARD, tmp_path)
-    assert add_contract(path, "impedance")
+    assert add_contract(path)
     assert KeypointDetector(CARD, tmp_path).information["weights_sha256"] == sha256(path)
     assert onnx.load(network).graph.SerializeToString(deterministic=True) == graph
 
@@ -61,16 +61,22 @@ def test_weights_that_do_not_say_what_they_are_get_none(tmp_path):
     with pytest.raises(
         WeightsError, match="a name that begins with pre_contact or post_contact and metadata with the domain"
     ):
-        add_contract(path, "impedance")
+        add_contract(path)
     assert path.read_bytes() == content
 
 
 def test_the_training_writes_contracts_that_the_nodes_accept_and_what_only_it_knows():
-    trained = trained_contract(PRE_CONTACT, BUMP, "osc")
-    assert PolicyContract.of(PRE_CONTACT, BUMP, "osc").compare(trained.text(), "x.safetensors") == []
+    trained = trained_contract(PRE_CONTACT, BUMP, damping_floor=1.0)
+    assert PolicyContract.of(PRE_CONTACT, BUMP).compare(trained.text(), "x.safetensors") == []
+    assert trained.damping_ratio_range == (1.0, 2.0)
+    beyond = trained_contract(PRE_CONTACT, BUMP, damping_floor=0.25)
+    with pytest.raises(
+        WeightsError, match=r"damping_ratio_range: expected one within \[0.5, 2.0\] up to its end, got \[0.25"
+    ):
+        PolicyContract.of(PRE_CONTACT, BUMP).compare(beyond.text(), "x.safetensors")
     assert trained.control_rate == 250.0 and trained.target_delay == (0.005, 0.04)
-    soft = trained_contract(PRE_CONTACT, replace(CARD, contact=SOFT), "impedance")
+    soft = trained_contract(PRE_CONTACT, replace(CARD, contact=SOFT))
     assert soft.control_rate == 200.0
-    other = trained_contract(POST_CONTACT, BUMP, "impedance", PhysicsConfig(substeps=10))
+    other = trained_contract(POST_CONTACT, BUMP, PhysicsConfig(substeps=10))
     with pytest.raises(WeightsError, match="policy_rate: expected 10.0, got 20.0"):
         PolicyContract.of(POST_CONTACT, BUMP).compare(other.text(), "x.safetensors")

@@ -15,19 +15,19 @@ from np_training.ppo.training import make_trainer
 from np_training.setting import domain_of
 from np_training.tasks.poses import sample_tasks
 
-TINY = ["--worlds", "8", "--rollout", "2", "--limit", "3", "--device", "cpu"]
+TINY = ["--worlds", "8", "--set", "rollout=2", "limit=3", "--device", "cpu"]
 
 
 def trainer(monkeypatch, tmp_path, *options: str):
     """The trainer that the command line makes, untrained."""
     monkeypatch.setattr(sys, "argv", ["train", "--domain", "bump", "--out", str(tmp_path), *TINY, *options])
-    return make_trainer(train.parse(), "cpu")
+    return make_trainer(train.parse(), "cpu", 0, None)
 
 
 def test_without_practice_and_random_contacts_every_episode_is_the_domains_own(tmp_path, monkeypatch):
     usual = trainer(monkeypatch, tmp_path)
     assert usual.curriculum.shares[0] == pytest.approx(0.25) and usual.curriculum.explore == pytest.approx(0.3)
-    bare = trainer(monkeypatch, tmp_path, "--no-practice", "--explore", "0")
+    bare = trainer(monkeypatch, tmp_path, "--set", "practice=0", "explore=0")
     bare.iterate()
     environment = bare.environment
     assert environment.config.shares[0] == 1 and sum(environment.config.shares) == 1 and environment.config.explore == 0
@@ -36,16 +36,9 @@ def test_without_practice_and_random_contacts_every_episode_is_the_domains_own(t
     assert (usual.environment.starts.tasks.kind > 0).any() and (usual.environment.starts.tasks.sunk > 0).any()
 
 
-def test_practice_is_asked_for_and_left_out_in_one_way_only(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["train", "--practice", ".5", "--no-practice"])
-    with pytest.raises(SystemExit):
-        train.parse()
-    assert "not allowed with argument --practice" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("opening", [0.0, BUMP.max_opening, FINGER_MAX])
 def test_fingers_open_as_far_as_the_training_lets_them(opening, tmp_path, monkeypatch):
-    chosen = trainer(monkeypatch, tmp_path, "--max-opening", str(opening))
+    chosen = trainer(monkeypatch, tmp_path, "--set", f"max_opening={opening}")
     assert chosen.setting["max_opening"] == opening
     domain = domain_of(chosen.setting)  # as distillation and evaluation make it
     objects, _ = sample_tasks(domain, 500, torch.Generator().manual_seed(0))
@@ -58,27 +51,26 @@ def test_fingers_open_as_far_as_the_training_lets_them(opening, tmp_path, monkey
 
 @pytest.mark.parametrize("opening", [-0.001, FINGER_MAX + 0.001])
 def test_an_opening_that_no_finger_has_is_refused(opening, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["train", "--max-opening", str(opening)])
+    monkeypatch.setattr(sys, "argv", ["train", "--set", f"max_opening={opening}"])
     with pytest.raises(SystemExit):
         train.parse()
     assert f"max_opening: expected 0 to {FINGER_MAX} m, got {opening:g}" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("privileged", [True, False])
-def test_a_critic_without_privileges_sees_what_the_policy_sees(privileged, tmp_path, monkeypatch):
-    chosen = trainer(monkeypatch, tmp_path, *([] if privileged else ["--no-privileged"]))
+def test_the_critic_sees_more_than_the_policy(tmp_path, monkeypatch):
+    chosen = trainer(monkeypatch, tmp_path)
     seen = []
     chosen.networks.post_value.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0].detach().clone()))
     chosen.iterate()
     size = chosen.networks.post.net[0].in_features
     assert seen and all((part[..., :size] != 0).any() for part in seen)
-    assert all((part[..., size:] != 0).any() == privileged for part in seen)
+    assert all((part[..., size:] != 0).any() for part in seen)
 
 
 def test_a_time_limit_is_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["train", "--domain", "card"])
-    assert train.parse().limit == 200
-    chosen = trainer(monkeypatch, tmp_path, "--domain", "card", "--limit", "1")
+    assert train.parse().stages[0].limit == 200
+    chosen = trainer(monkeypatch, tmp_path, "--domain", "card", "--set", "limit=1")
     out = chosen.environment.step(torch.zeros(8, 20))
     assert chosen.environment.domain == CARD and out["done"].all()
 

@@ -73,7 +73,7 @@ def test_two_groups_on_two_hosts_train_as_one_and_one_of_them_has_the_checkpoint
         endpoint = f"127.0.0.1:{free.getsockname()[1]}"
     group = [sys.executable, "-m", "torch.distributed.run", "--nnodes", "2", "--nproc-per-node", "1"]
     group += ["--rdzv-backend", "c10d", "--rdzv-endpoint", endpoint, "-m", "np_training.train"]
-    options = ["--worlds", "4", "--rollout", "2", "--device", "cpu", "--iterations", "1"]
+    options = ["--worlds", "4", "--set", "rollout=2", "--device", "cpu", "--iterations", "1"]
     for steps in (2 * 4 * 2, 2 * 2 * 4 * 2):  # from nothing, then from the checkpoint
         hosts = [
             subprocess.Popen(
@@ -95,8 +95,8 @@ def test_a_run_goes_on_with_another_number_of_processes(tmp_path, monkeypatch, c
     options = [
         "--worlds",
         "6",
-        "--rollout",
-        "3",
+        "--set",
+        "rollout=3",
         "--device",
         "cpu",
         "--out",

@@ -28,7 +28,7 @@ from np_training.tasks.poses import sample_tasks
 from np_training.tasks.practice import draw_tasks
 from np_training.tasks.registry import find_task
 
-TINY = ["--worlds", "4", "--rollout", "2", "--limit", "3", "--device", "cpu", "--iterations", "1"]
+TINY = ["--worlds", "4", "--set", "rollout=2", "limit=3", "--device", "cpu", "--iterations", "1"]
 FILE = "{name: my cube, domain: bump, size: [0.1, 0.1, 0.1], mass: 0.2, surface: wood}"
 
 
@@ -63,7 +63,7 @@ def test_a_file_is_told_by_its_content(tmp_path):
 
 def test_a_checkpoint_that_says_nothing_was_trained_with_the_cards_own_object():
     setting = setting_of({})
-    assert domain_of(setting) == DOMAINS["card"] and setting["reward"] == "potentials"
+    assert domain_of(setting) == DOMAINS["card"]
     own = {"max_opening": BUMP.max_opening, "largest_turn": None}
     assert setting_of({"setting": {"domain": "bump"}}) == {**UNSAID, "domain": "bump", **own}
     assert chosen(setting, object=None, limit=7) == {**setting, "limit": 7}
@@ -95,7 +95,7 @@ def test_an_object_goes_from_the_training_to_everything_that_comes_of_it(tmp_pat
 
     judged = ["--checkpoint", checkpoint, "--episodes", 4, "--device", "cpu"]
     line = run(monkeypatch, capsys, evaluate, *judged, "--out", folder / "evaluation.jsonl", "--scenario", 2)
-    assert (line["object"], line["scenario"], line["reward"]) == (text, 2, "potentials")
+    assert (line["object"], line["scenario"]) == (text, 2)
     line = run(monkeypatch, capsys, evaluate, *judged, "--object", "default")
     assert (line["object"], line["scenario"]) == ("default", 0)
 
@@ -111,7 +111,7 @@ def test_an_object_goes_from_the_training_to_everything_that_comes_of_it(tmp_pat
     for file in map(Path, line["files"]):
         assert read_metadata(file)["object"] == text and f"| object | {text} |" in file.with_suffix(".md").read_text()
     record = json.loads((tmp_path / "weights_cube" / "training_bump.json").read_text())
-    assert record["object"] == text and record["reward"] == "potentials"
+    assert record["object"] == text
 
 
 def test_a_student_for_another_object_is_not_released(tmp_path, monkeypatch, capsys):
@@ -151,7 +151,7 @@ def test_an_object_that_cannot_be_trained_with_is_refused_in_a_line(module, need
 
 def test_what_is_trained_with_weighs_what_the_object_weighs(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "argv", ["train", "--domain", "bump", "--object", "dense", "--out", str(tmp_path), *TINY])
-    trainer = make_trainer(train.parse(), "cpu")
+    trainer = make_trainer(train.parse(), "cpu", 0, None)
     physics = trainer.environment.physics
     assert physics.varied.mass[:, physics.varied.object_body].numpy() == pytest.approx(0.223)
     assert trainer.setting["object"] == "dense"

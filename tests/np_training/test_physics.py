@@ -20,15 +20,14 @@ from np_policy.action import Target
 from np_training.environment.environment import Environment, EnvironmentConfig, corners
 from np_training.physics.batched import ARM, BatchedPhysics
 from np_training.physics.batched_kinematics import forward_kinematics
-from np_training.physics.config import CONTROLLERS, PhysicsConfig, physics_for
+from np_training.physics.config import PhysicsConfig, physics_for
 from np_training.tasks.randomisation import NOMINAL_CONDITIONS, ROBUST
 
 WORLDS, SUBSTEPS = 4, 3
 
 
-@pytest.mark.parametrize("controller", CONTROLLERS)
-def test_physics_steps_beyond_a_limit_are_counted_anew_every_period(controller):
-    physics = BatchedPhysics(BUMP, WORLDS, "cpu", PhysicsConfig(substeps=SUBSTEPS, controller=controller))
+def test_physics_steps_beyond_a_limit_are_counted_anew_every_period():
+    physics = BatchedPhysics(BUMP, WORLDS, "cpu", PhysicsConfig(substeps=SUBSTEPS))
     physics.advance()
     assert not physics.over.any()
     q = physics.qpos[:, ARM].clone()

@@ -331,7 +331,7 @@ def test_curriculum_is_geometric_from_loose_to_tight():
 
 
 def test_training_runs_and_goes_on_where_it_stopped(tmp_path, monkeypatch, capsys):
-    command = ["train", "--worlds", "8", "--rollout", "3", "--device", "cpu", "--out", str(tmp_path)]
+    command = ["train", "--worlds", "8", "--set", "rollout=3", "--device", "cpu", "--out", str(tmp_path)]
     for iterations, total in ((2, 2), (1, 3)):
         monkeypatch.setattr("sys.argv", [*command, "--iterations", str(iterations)])
         train.main()

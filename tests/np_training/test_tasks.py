@@ -23,9 +23,10 @@ def test_a_task_that_does_not_exist_names_those_that_do():
 @pytest.mark.parametrize("name", TASKS)
 def test_the_command_line_has_its_defaults_from_the_task(name, monkeypatch):
     monkeypatch.setattr("sys.argv", ["train", "--domain", name])
-    chosen, task = train.parse(), find_task(name)
+    chosen, task = train.parse().stages[0], find_task(name)
     names = ("limit", "practice", "explore")
     assert [getattr(chosen, key) for key in names] == [getattr(task, key) for key in names]
-    assert chosen.reward.far == task.far and chosen.played == task.domain
-    monkeypatch.setattr("sys.argv", ["train", "--domain", name, "--far", "7", "--limit", "9"])
-    assert (train.parse().reward.far, train.parse().limit) == (7.0, 9)
+    assert chosen.reward["far"] == task.far
+    monkeypatch.setattr("sys.argv", ["train", "--domain", name, "--set", "reward={'far': 7}", "limit=9"])
+    chosen = train.parse().stages[0]
+    assert (chosen.reward["far"], chosen.limit) == (7, 9)

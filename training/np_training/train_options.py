@@ -53,6 +53,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument(
         "--set",
         nargs="+",
+        action="extend",
         default=[],
         metavar="FIELD=VALUE",
         help="settings of np_training.recipe, of every stage: --set hold=5 'reward={\"hidden\": 20}'",

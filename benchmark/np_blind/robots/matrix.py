@@ -81,7 +81,7 @@ def prepare(folder: Path) -> list[str]:
                     raise OSError(f"{revision}:weights/{name}: {done.stderr.decode().strip()}")
                 (place / name).write_bytes(done.stdout)
                 if "contract" not in read_metadata(place / name):
-                    add_contract(place / name, "impedance")
+                    add_contract(place / name)
             made.append(str(place))
     return made
 

@@ -61,7 +61,7 @@ def measure(physics: BatchedPhysics, one: Callable[[], int], seconds: float) -> 
 def rollout(trainer: Trainer, visit: Callable[[], None] = lambda: None) -> int:
     """One rollout of the trainer's policies without learning; `visit` is called before each period."""
     env, policy = trainer.environment, trainer.networks.post
-    env.starts = env.draw_starts(trainer.chooser, env.config.worlds)
+    env.starts = env.draw_starts(trainer.networks.pre, env.config.worlds)
     for _ in range(trainer.config.rollout):
         state, _ = env.observe()
         with torch.no_grad():

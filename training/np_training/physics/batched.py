@@ -1,4 +1,4 @@
-"""Many copies of the scene on one device: MuJoCo Warp under the impedance law, or in operational space.
+"""Many copies of the scene on one device: MuJoCo Warp under the impedance law.
 
 One call of `advance` is one policy period: `substeps` physics steps, each with the control law in front, all
 in one captured CUDA graph (with effects that have a memory, step by step). PyTorch tensors alias the simulator's arrays, so resets and observations need no
@@ -13,8 +13,6 @@ import numpy as np
 import torch
 import warp as wp
 
-from np_common.rotations import quaternion_from_matrix, xyzw_from_wxyz
-from np_control.operational_space import chosen_gains
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
 from np_description.scene import OBJECT, load_model
@@ -24,8 +22,6 @@ from np_training.physics.batched_effects import batched_effects
 from np_training.physics.batched_forces import BatchedForces
 from np_training.physics.batched_impedance import impedance_kernel
 from np_training.physics.batched_kinematics import forward_kinematics
-from np_training.physics.batched_operational_space import make_gains, operational_space_kernel
-from np_training.physics.chain import make_chain
 from np_training.physics.config import LARGEST, PhysicsConfig, check_trainable
 from np_training.physics.varied_model import FIELDS, VariedModel
 
@@ -45,7 +41,7 @@ class BatchedPhysics:
     """`worlds` copies of a domain's scene.
 
     qpos (worlds, 16): 7 joints, 2 fingers, object position, object quaternion wxyz; qvel (worlds, 15);
-    command (6, worlds, 7), see `impedance_kernel` and `operational_space_kernel`; delay (worlds,) substeps;
+    command (6, worlds, 7), see `impedance_kernel`; delay (worlds,) substeps;
     noise (worlds, 7) Nm; fingers (worlds,) m; over (2, worlds, 7): physics steps of the last period beyond
     the limits of joint velocity, and of torque as commanded; peak (2, worlds, 7): the largest shares of them; margin (worlds,):
     share of the data sheet's joint velocity that counts as the limit, and of its torque; seen_q rad, m, seen_dq (worlds, 9):
@@ -94,8 +90,6 @@ class BatchedPhysics:
             self._over = wp.zeros((2, worlds, 7), dtype=int)
             self._peak = wp.zeros((2, worlds, 7), dtype=float)
             self._margin = wp.full(worlds, 1.0, dtype=float)
-            self._chain = make_chain(self._wp_device.alias)
-            self._gains = make_gains(model.M_rowadr[ARM], self._wp_device)
         d = self.data
         self._overflow = wp.to_torch(d.overflow)
         self.qpos, self.qvel, self.ctrl = (wp.to_torch(a) for a in (d.qpos, d.qvel, d.ctrl))
@@ -144,9 +138,6 @@ class BatchedPhysics:
         self.command[3:] = self._rows(joints, target)
 
     def _rows(self, joints: torch.Tensor, target: Target) -> torch.Tensor:
-        if self.config.controller == "osc":
-            pose = torch.cat([target.position, xyzw_from_wxyz(quaternion_from_matrix(target.rotation))], -1)
-            return torch.stack([joints, pose, chosen_gains(target.stiffness, target.damping_ratio)])
         return torch.stack([joints, target.stiffness, target.damping_ratio])
 
     def advance(self) -> None:
@@ -181,20 +172,12 @@ class BatchedPhysics:
         state = [*self._seen, d.qfrc_bias, d.qfrc_gravcomp]
         command = [self._command, self._delay, self._noise, self._margin]
         out = [d.ctrl, self._over, self._peak]
-        if self.config.controller == "osc":
-            wp.launch(
-                operational_space_kernel,
-                dim=self.worlds,
-                inputs=[substep, self._chain, self._gains, self._limit, *state, d.M, *command],
-                outputs=out,
-            )
-        else:
-            wp.launch(
-                impedance_kernel,
-                dim=(self.worlds, 7),
-                inputs=[substep, self._limit, *state, *command],
-                outputs=out,
-            )
+        wp.launch(
+            impedance_kernel,
+            dim=(self.worlds, 7),
+            inputs=[substep, self._limit, *state, *command],
+            outputs=out,
+        )
 
     def _advance_with_effects(self) -> None:
         """A period in which what is commanded, felt and measured passes through the effects; the step alone is captured."""

@@ -4,7 +4,26 @@ from __future__ import annotations
 
 import warp as wp
 
-from np_training.physics.batched_operational_space import watch_share
+
+@wp.func
+def watch_share(
+    substep: int,
+    kind: int,
+    i: int,
+    j: int,
+    share: float,
+    margin: float,
+    over: wp.array3d(dtype=int),
+    peak: wp.array3d(dtype=float),
+):
+    """Note the share of a limit that joint j of world i takes in a substep: the largest, and how often it is beyond `margin`.
+    The first substep begins anew."""
+    if substep == 0:
+        over[kind, i, j] = 0
+        peak[kind, i, j] = 0.0
+    peak[kind, i, j] = wp.max(peak[kind, i, j], share)
+    if share > margin:
+        over[kind, i, j] = over[kind, i, j] + 1
 
 
 @wp.kernel

@@ -10,7 +10,6 @@ from np_description.contact.model import HARD, SOFT, STEADY, Compliance, Contact
 from np_description.domains import Domain
 from np_training.physics.carried_effects import check_carried
 
-CONTROLLERS = ("impedance", "osc")
 LARGEST = 1.2  # times its own size that an object may have
 
 
@@ -19,8 +18,7 @@ class PhysicsConfig:
     """timestep s; substeps: physics steps a policy period (10 Hz); contacts, constraints: capacity a world;
     contact: how rough and how hard everything is; supports: whether the object stands on patches, for `support`; resizes: whether it
     may become larger, up to LARGEST times, for `resize`;
-    controller: impedance (of the joints, with the policy's gains) or osc (np_control.operational_space, with the gains that
-    the policy's mean there); effects: what the arm has besides the nominal one (np_training.physics.carried_effects)."""
+    effects: what the arm has besides the nominal one (np_training.physics.carried_effects)."""
 
     timestep: float = 0.005
     substeps: int = 20
@@ -28,7 +26,6 @@ class PhysicsConfig:
     constraints: int = 192  # 112 are too few for a card that stands on patches under two flat fingers
     iterations: int = 8
     ls_iterations: int = 10
-    controller: str = "impedance"
     effects: Patch = Patch()
     contact: ContactModel = SOFT
     supports: bool = False
@@ -36,8 +33,6 @@ class PhysicsConfig:
 
     def __post_init__(self) -> None:
         check_carried(self.effects)
-        if self.controller not in CONTROLLERS:
-            raise ValueError(f"controller: expected one of {', '.join(CONTROLLERS)}, got {self.controller!r}")
 
 
 FIRM = replace(

@@ -45,9 +45,7 @@ class Target:
     damping_ratio: object
 
 
-def decode(
-    action, position, rotation, limits: ResidualLimits, damping_floor: float = DAMPING_RATIO_MIN
-) -> Target:
+def decode(action, position, rotation, limits: ResidualLimits, damping_floor: float = DAMPING_RATIO_MIN) -> Target:
     """The target of an action (..., 20), cut to [-1, 1], given T_E now: position (..., 3) m, rotation (..., 3, 3).
 
     limits, damping_floor (the damping ratio at -1): in deployment those in the contract of the weights that chose the action.
