@@ -102,7 +102,7 @@ class SimulatedLab:
     def run(self, only: tuple[str, ...] = (), is_cut: bool = False) -> TaskRecording:
         """The suite, or some of its families, and what was recorded of it: up to where the object has left the picture. is_cut: up to where the
         suite's guard ends it, too, which raises RuntimeError else."""
-        if not self._witness.has_seen(0):  # an image is ready once its last row is read
+        if not self._witness.has_image(0):  # an image is ready once its last row is read
             self._lead([rest_segment("transfer", self._simulation.measure().position[:7], FIRST)])
         plans = task_suite(self.domain, self._situation(), only)
         plan = next(plans)
@@ -120,7 +120,7 @@ class SimulatedLab:
         return self._recording()
 
     def _situation(self) -> SuiteState:
-        return self._witness.situation(self._simulation.measure().position[:7])
+        return self._witness.state(self._simulation.measure().position[:7])
 
     def _lead(self, plan: list[Segment]) -> None:
         begin = self._simulation.stamp
@@ -145,12 +145,12 @@ class SimulatedLab:
         noise = TORQUE_NOISE * self._rng.standard_normal(7)
         self._kept.stamps.append(stamp)
         self._kept.joints.append(np.stack([measured.position[:7], measured.velocity[:7], measured.effort[:7] + noise]))
-        if stamp % WITNESSED == 0 and (problem := self._witness.feel(*self._kept.joints[-1])):
+        if stamp % WITNESSED == 0 and (problem := self._witness.check_contact(*self._kept.joints[-1])):
             raise RuntimeError(problem)
         is_due = self._schedule.is_image_due(stamp)
         for image in self._eye.look(stamp, self._simulation.object_pose(), measured.position[:7], is_due):
             self._kept.images.append(image)
-            self._witness.see(*image)
+            self._witness.add_keypoints(*image)
 
     def _recording(self) -> TaskRecording:
         time = np.array(self._kept.stamps) / SECOND
@@ -161,7 +161,7 @@ class SimulatedLab:
         )
         stamps, found = zip(*self._kept.images)
         seen, found = np.array(stamps) / SECOND, np.array(found)
-        track = KeypointTrack("task", seen - seen[0], found[..., :2], found[..., 2] >= THRESHOLDS.track.score)
+        track = KeypointTrack("task", seen - seen[0], found[..., :2], found[..., 2] >= THRESHOLDS.keypoint_track.score)
         return TaskRecording(log, track, float(seen[0]), self.domain, spans_of(log))
 
     def _commands(self) -> Commands:

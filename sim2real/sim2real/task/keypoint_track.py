@@ -12,7 +12,7 @@ from np_description.keypoints import COUNT
 from sim2real.recordings.reading import SECOND, ContractViolation, bag_violation
 from sim2real.thresholds import THRESHOLDS
 
-TRACK = THRESHOLDS.track
+TRACK = THRESHOLDS.keypoint_track
 
 
 @dataclass(frozen=True, eq=False)

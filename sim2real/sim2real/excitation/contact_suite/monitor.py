@@ -36,16 +36,16 @@ class SuiteMonitor:
         self._dynamics = Dynamics()
         self._lowest: float | None = None
 
-    def see(self, stamp: int, keypoints: np.ndarray) -> None:
+    def add_keypoints(self, stamp: int, keypoints: np.ndarray) -> None:
         """Keypoints (8, 3) u px, v px, score of an image of `stamp` ns. One that was sent again changes nothing."""
         if not self._images or stamp > self._images[-1][0]:
             self._images.append((stamp, keypoints))
 
-    def has_seen(self, since: int) -> bool:
+    def has_image(self, since: int) -> bool:
         """Whether an image of `since` ns or later has come."""
         return bool(self._images) and self._images[-1][0] >= since
 
-    def feel(self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> str:
+    def check_contact(self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> str:
         """Position (7,) rad, velocity (7,) rad/s and torque (7,) Nm without gravity of a state; what is wrong, "" for nothing."""
         position, rotation = forward_kinematics(q)
         height = float(lowest_corner(position[None], rotation[None])[0, 2])
@@ -55,7 +55,7 @@ class SuiteMonitor:
         size = float(np.linalg.norm(tip_force(q, torque - self._dynamics.coriolis(q, dq))))
         return f"the hand presses with {size:.0f} N; up to {HARDEST:g} are allowed" if size > HARDEST else ""
 
-    def situation(self, q: np.ndarray) -> SuiteState:
+    def state(self, q: np.ndarray) -> SuiteState:
         """Of an arm that rests at joints (7,) rad; the tip's lowest height is counted anew from here. Raises OutOfPicture where
         too few corners are seen, ValueError where no pose explains them."""
         rows = np.array([keypoints for _, keypoints in self._images])

@@ -102,7 +102,7 @@ def join_segments(q: np.ndarray, segments: Sequence[Segment]) -> list[Segment]:
     return plan
 
 
-def tip_of(q: np.ndarray) -> np.ndarray:
+def tip_position(q: np.ndarray) -> np.ndarray:
     """The tip's end (3,) m at joints (7,) rad."""
     position, rotation = forward_kinematics(q)
     return position + rotation @ [0.0, 0.0, BEYOND]

@@ -13,7 +13,7 @@ from np_description.scene import contact_of
 from sim2real.task.contact_force.readings import ForceReading
 from sim2real.thresholds import THRESHOLDS
 
-FORCE = THRESHOLDS.forcing
+FORCE = THRESHOLDS.friction_and_mass
 GRAVITY = 9.81
 UNKNOWN = 1.5  # standard deviation of a number, a logarithm, before anything is known
 TAILS = 1.5  # deviations from which on a reading counts less: now and then the tip slips, or the object tips

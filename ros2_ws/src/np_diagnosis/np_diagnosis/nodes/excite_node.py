@@ -161,9 +161,9 @@ class Exciter(Participant):
     def _situation(self, since: int) -> SuiteState:
         """What the next experiment is planned from, once the object has been seen at `since` ns or later."""
         self._heard = time.monotonic()
-        self._wait(lambda: self._witness.has_seen(since), READY_TIMEOUT, "keypoints of the object")
+        self._wait(lambda: self._witness.has_image(since), READY_TIMEOUT, "keypoints of the object")
         try:
-            return self._witness.situation(self._state[1])
+            return self._witness.state(self._state[1])
         except ValueError as error:
             raise GraphError(f"expected the object in the picture: {error}") from error
 
@@ -191,7 +191,7 @@ class Exciter(Participant):
         arm = slice(len(JOINT_NAMES))
         self._state = stamp_nanoseconds(message.header.stamp), position[arm]
         if self._witness is not None and self._state[0] % WITNESSED_NS == 0:
-            self._problem = self._witness.feel(position[arm], velocity[arm], effort[arm]) or self._problem
+            self._problem = self._witness.check_contact(position[arm], velocity[arm], effort[arm]) or self._problem
         self._states += 1
         self._heard = time.monotonic()
         self._advance()
@@ -242,7 +242,7 @@ class Exciter(Participant):
     def _receive_keypoints(self, message: PointCloud2) -> None:
         if self._witness is not None:
             try:
-                self._witness.see(stamp_nanoseconds(message.header.stamp), keypoints_array(message))
+                self._witness.add_keypoints(stamp_nanoseconds(message.header.stamp), keypoints_array(message))
             except BadMessage as error:
                 self._problem = f"keypoints: {error}"
 

@@ -91,7 +91,7 @@ def test_without_gross_errors_none_are_found():
 def test_where_nothing_scatters_repeats_are_told_by_motion_alone():
     rng = np.random.default_rng(5)
     found = estimate_keypoint_noise(record(rng, spread=0.0, repeated=0.15))
-    assert found.spread.value <= THRESHOLDS.scatter.finest and holds(found.repeated, 0.15)
+    assert found.spread.value <= THRESHOLDS.keypoint_noise.finest and holds(found.repeated, 0.15)
     assert estimate_keypoint_noise(record(rng, spread=0.0, moves=0)).repeated is None
 
 

@@ -10,7 +10,7 @@ from sim2real.excitation.contact_suite.contact_motions import DEEPER, SLOW, touc
 from sim2real.excitation.contact_suite.monitor import OutOfPicture, SuiteMonitor
 from sim2real.excitation.contact_suite.suite import FAMILIES, SuiteState, sides_with_room, task_suite
 from sim2real.excitation.contact_suite.tip import BEYOND, CORNERS, EDGE, RADIUS, leading_yaw, upright_rotation
-from sim2real.excitation.contact_suite.tip_path import Leg, OutOfReach, join_segments, make_segment, tip_of
+from sim2real.excitation.contact_suite.tip_path import Leg, OutOfReach, join_segments, make_segment, tip_position
 from sim2real.excitation.contact_suite.workspace import RestingObject, Workspace
 from sim2real.task.contact_force.estimate import estimate_friction_and_mass, tip_hops
 from sim2real.task.contact_force.fit import NominalContact
@@ -68,7 +68,7 @@ def test_every_family_is_planned_and_segments_join():
 @pytest.mark.parametrize(("x", "y"), [(0.43, -0.17), (0.54, -0.14), (0.5, 0.1)])
 def test_the_housing_passes_a_tall_object_beside_which_the_table_is_touched(x, y):
     lain = RestingObject.of(BUMP, Pose(np.array([x, y, 0.045]), yaw_quaternion(np.asarray(0.3))))
-    places = Workspace(BUMP, CAMERA).places(lain)
+    places = Workspace(BUMP, CAMERA).touch_places(lain)
     corners = lain.corners(np.zeros(2))[:, :2]
     housing = np.max([box.half_size[:2] for box in FLAT_HAND.housing], axis=0)
     assert len(places) == 4
@@ -81,9 +81,9 @@ def test_an_object_that_has_left_the_picture_is_told_from_one_that_no_pose_expla
     seen = np.column_stack([CAMERA.project(RestingObject.of(BUMP, LAIN).corners(np.zeros(2)))[0], np.ones(8)])
     for changed, error in ((seen * ([[1, 1, 0]] * 3 + [[1, 1, 1]] * 5), OutOfPicture), (scattered, ValueError)):
         witness = SuiteMonitor(BUMP)
-        witness.see(1, changed)
+        witness.add_keypoints(1, changed)
         with pytest.raises(error) as raised:
-            witness.situation(NOMINAL.ready)
+            witness.state(NOMINAL.ready)
         assert isinstance(raised.value, OutOfPicture) == (error is OutOfPicture)
 
 
@@ -95,7 +95,7 @@ def test_an_unknown_family_is_refused_by_name():
 def test_a_path_leads_the_tip_straight_and_out_of_reach_is_said():
     begin, end = np.array([0.5, 0.1, 0.13]), np.array([0.5, 0.1, 0.03])
     made = make_segment("down", begin, [Leg(end, 0.1)], 0.3)
-    tips = np.array([tip_of(q) for q in made.positions])
+    tips = np.array([tip_position(q) for q in made.positions])
     assert np.allclose(tips[:, :2], begin[:2], atol=1e-3) and tips[-1, 2] == pytest.approx(0.03, abs=5e-4)
     assert np.allclose(forward_kinematics(made.positions[-1])[1], upright_rotation(0.3), atol=5e-3)
     with pytest.raises(OutOfReach, match="far: the tip cannot be at"):
@@ -109,7 +109,7 @@ def test_a_touch_finds_the_arm_no_stiffer_for_what_it_did_before(place):
     for before in elsewhere:
         q = join_segments(q, [touch("before", before, 0.0, 0.0)])[-1].positions[-1]
     made = join_segments(q, [touch("touch", np.array(place), 0.0, 0.0)])[-1]
-    deepest = min(made.positions, key=lambda q: tip_of(q)[2])
+    deepest = min(made.positions, key=lambda q: tip_position(q)[2])
     linear = jacobian(deepest)[:3]
     lead = np.array([0.0, 0.0, -DEEPER])
     assert abs(deepest[2]) < 0.2
@@ -145,7 +145,7 @@ def touched(height, families):
     plan = next(generator)
     while plan:
         yield plan
-        lowest = max(min(tip_of(q)[2] for q in plan[-1].positions), height)
+        lowest = max(min(tip_position(q)[2] for q in plan[-1].positions), height)
         try:
             plan = generator.send(SuiteState(plan[-1].positions[-1], LAIN, lowest))
         except StopIteration:
@@ -159,7 +159,7 @@ def touched(height, families):
 def test_a_table_is_felt_for_deeper_until_the_tip_is_stopped(height, plans):
     made = [plan[-1] for plan in touched(height, ["touch_table"])]
     assert len(made) == plans
-    depths = [min(tip_of(q)[2] for q in one.positions) for one in made]
+    depths = [min(tip_position(q)[2] for q in one.positions) for one in made]
     if height > -0.03:  # what was felt first tells the other places
         assert depths[-1] == pytest.approx(height - DEEPER, abs=1e-3) and len({one.name for one in made}) == 4
     assert min(depths) > -0.026
@@ -189,7 +189,7 @@ def test_an_object_at_the_edge_of_its_room_is_first_pushed_to_where_more_sides_h
     lain, room = RestingObject.of(BUMP, edge), Workspace(BUMP, CAMERA)
     before = len(sides_with_room(room, lain, SLOW))
     plan = next(task_suite(BUMP, SuiteState(NOMINAL.ready, edge), ["push"]))[-1]
-    tips = np.array([tip_of(q) for q in plan.positions])
+    tips = np.array([tip_position(q) for q in plan.positions])
     low = tips[tips[:, 2] < tips[:, 2].min() + 1e-3]
     way = low[np.linalg.norm(low - low[0], axis=1).argmax()] - low[0]
     travel = way[:2] * (1 - SLOW.run_up / np.linalg.norm(way[:2]))
@@ -201,7 +201,9 @@ def test_a_tip_that_has_tapped_draws_back_at_once_and_one_that_has_pushed_rests(
 
     def rests(family):
         plan = next(plans for plans in touched(0.0, [family]) if plans[-1].name == f"{family}_1")[-1]
-        away = np.linalg.norm([tip_of(q)[:2] - tip_of(plan.positions[0])[:2] for q in plan.positions], axis=1)
+        away = np.linalg.norm(
+            [tip_position(q)[:2] - tip_position(plan.positions[0])[:2] for q in plan.positions], axis=1
+        )
         return float(np.diff(plan.times[away > away.max() - 5e-4][[0, -1]])[0])
 
     assert rests("tap") < 0.06 and rests("push") > 0.5
@@ -328,7 +330,7 @@ def test_too_few_readings_say_nothing():
 
 
 def test_what_is_not_measured_is_unseen():
-    spread = np.array(THRESHOLDS.touching.height)
+    spread = np.array(THRESHOLDS.surface_contact.height)
     measured = MeasuredChanges(("a",), np.zeros(1), np.eye(1), spread[:1], spread[1:], {"x": ("a",)})
     found = compare_hypotheses(measured)
     assert found.verdict == "undetermined" and found.unidentifiable == ("a",)

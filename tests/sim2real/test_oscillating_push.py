@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sim2real.excitation.contact_suite.contact_motions import SWAY, SWAYS, sway
 from sim2real.excitation.contact_suite.suite import SuiteState, task_suite
-from sim2real.excitation.contact_suite.tip_path import Oscillation, OutOfReach, make_segment, tip_of
+from sim2real.excitation.contact_suite.tip_path import Oscillation, OutOfReach, make_segment, tip_position
 from sim2real.excitation.contact_suite.workspace import RestingObject, Workspace
 from sim2real.recordings.signals import Log
 from sim2real.task.keypoint_track import KeypointTrack
@@ -36,7 +36,7 @@ def led():
     plan = planned(CARD, LAIN)
     state = np.arange(0.0, plan.times[-1], 0.01)
     joints = np.column_stack([np.interp(state, plan.times, joint) for joint in plan.positions.T])
-    return state, joints, np.array([tip_of(q) for q in joints])
+    return state, joints, np.array([tip_position(q) for q in joints])
 
 
 def recorded(late=0.0, follows=1.0, behind=0.0, noise=0.15, seed=1):
@@ -64,7 +64,7 @@ def recorded(late=0.0, follows=1.0, behind=0.0, noise=0.15, seed=1):
 def test_a_swing_is_a_sinusoid_that_begins_and_ends_at_rest():
     begin, way = np.array([0.5, 0.1, 0.13]), np.array([0.012, 0.0, 0.0])
     made = make_segment("swing", begin, [Oscillation(way, 1.6, 4, rest=0.5)], 0.0)
-    along = np.array([tip_of(q)[0] for q in made.positions]) - begin[0]
+    along = np.array([tip_position(q)[0] for q in made.positions]) - begin[0]
     time = made.times
     whole = (time > 0.9) & (time < 5.5)
     assert np.allclose(along[whole], 0.012 * np.sin(2 * np.pi * time[whole] / 1.6), atol=5e-4)
@@ -72,7 +72,7 @@ def test_a_swing_is_a_sinusoid_that_begins_and_ends_at_rest():
 
 
 def test_a_sway_is_about_where_a_flat_object_is_seen_and_presses_it():
-    tips = np.array([tip_of(q) for q in planned(CARD, LAIN).positions])
+    tips = np.array([tip_position(q) for q in planned(CARD, LAIN).positions])
     low = tips[tips[:, 2] < tips[:, 2].min() + 1e-3]
     assert np.abs(low[:, :2] - LAIN.position[:2]).max() == pytest.approx(SWAY, abs=1e-3)
     assert low[:, 2].max() < 2 * LAIN.position[2]
