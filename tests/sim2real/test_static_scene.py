@@ -115,13 +115,13 @@ def shoved(t, one):  # somebody's, slowly, while the hand is up
 @pytest.mark.parametrize("names", [TWICE, BESIDE])
 def test_a_picture_that_moves_by_itself_is_unexplained(moved, names):
     found = check_static_scene(recorded(names, moved))
-    assert found.verdict == "unexplained" and "the picture moves" in found.doubt
+    assert found.verdict == "unexplained" and "the picture moves" in found.abstention_reason
 
 
 def test_a_camera_that_is_knocked_while_the_hand_is_down_jumps():
     begin, end = way(TWICE)[1][1]
     found = check_static_scene(recorded(moved=knocked((begin + end) / 2)))
-    assert found.verdict == "unexplained" and "the picture jumps" in found.doubt
+    assert found.verdict == "unexplained" and "the picture jumps" in found.abstention_reason
 
 
 def test_a_tip_that_is_quick_for_a_moment_excuses_no_jump_before_and_after():
@@ -190,7 +190,7 @@ def flickers(period):
 @pytest.mark.parametrize("period", [1.0, 3.0])
 def test_corners_that_are_noisier_together_at_some_moments_are_unexplained(period):
     found = check_static_scene(recorded(moved=flickers(period)))
-    assert found.verdict == "unexplained" and "from moment to moment" in found.doubt
+    assert found.verdict == "unexplained" and "from moment to moment" in found.abstention_reason
 
 
 def test_corners_that_are_noisier_each_at_its_own_moments_are_well():
