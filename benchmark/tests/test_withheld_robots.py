@@ -190,13 +190,13 @@ def test_where_corrections_are_all_the_oracle_takes_no_training(tmp_path, monkey
 
 def test_a_recording_is_what_the_doctor_reads():
     from sim2real.arm.model import panda
-    from sim2real.checks.plausibility import check
+    from sim2real.checks.plausibility import check_plausibility
 
     from np_blind.robots.recording import record_arm
     from np_description.mujoco_engine import MujocoEngine
 
     log = record_arm(Patch((FRICTION,)), 3, MujocoEngine, ("sweep_4",))
-    check(log, panda())
+    check_plausibility(log, panda())
     assert 20 < log.duration < 24 and log.phases[0][1].experiment == "sweep_4" and log.commands.has_law
     assert np.abs(log.commands.target[:, 3] - log.position[:, 3]).max() > 1e-3
 

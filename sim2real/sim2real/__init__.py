@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sim2real.finding import Finding
     from sim2real.recordings.reading import ContractViolation, load_bag, load_log, load_npz
     from sim2real.recordings.signals import Log
-    from sim2real.report.document import write
+    from sim2real.report.document import write_report
 
 _MODULES = {
     "load_arm": "arm.files",
@@ -30,7 +30,7 @@ _MODULES = {
     "load_log": "recordings.reading",
     "load_npz": "recordings.reading",
     "Log": "recordings.signals",
-    "write": "report.document",
+    "write_report": "report.document",
 }
 __all__ = [
     "ContractViolation",
@@ -44,7 +44,7 @@ __all__ = [
     "load_npz",
     "load_patch",
     "panda",
-    "write",
+    "write_report",
 ]
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from sim2real.excitation.suite import READY, Segment, end_of, schedule
+from sim2real.excitation.suite import READY, Segment, end_stamp, schedule_starts
 
 from np_blind.arm.plant.blind_arm import PERIOD, Plant
 from np_blind.arm.plant.physics import Physics
@@ -70,8 +70,8 @@ class Targets:
 
 def make_targets(plan: Sequence[Segment]) -> Targets:
     """The targets of a plan, sampled as the controller samples its trajectories."""
-    starts = schedule(plan, SETTLING)
-    count = end_of(plan, SETTLING) // LIMITS.period_ns
+    starts = schedule_starts(plan, SETTLING)
+    count = end_stamp(plan, SETTLING) // LIMITS.period_ns
     position = np.tile(plan[0].positions[0], (count, 1))
     velocity, acceleration = np.zeros_like(position), np.zeros_like(position)
     own = plan[0].gains  # before the first segment too

@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from sim2real.excitation.suite import suite
+from sim2real.excitation.suite import make_suite
 from sim2real.simulation.closed_loop import Stretch, stretches
 from sim2real.simulation.simulated_arm import Plant, load_plant, panda_plant
 
@@ -53,8 +53,8 @@ def alternate(recorded: Sequence[Stretch], seconds: float) -> tuple[list[Stretch
 def simulated(seed: int) -> tuple[list[Stretch], list[Stretch], dict[str, np.ndarray]]:
     """Recordings of a reference arm to fit to, others held out, and its parameters."""
     truth = known_arm(seed)
-    fitted = record(truth, suite(FITTED), seed)
-    return fitted, record(truth, suite(HELD_OUT), seed + 1), truth
+    fitted = record(truth, make_suite(FITTED), seed)
+    return fitted, record(truth, make_suite(HELD_OUT), seed + 1), truth
 
 
 def from_files(paths: Sequence[Path], plant: Plant) -> list[Stretch]:

@@ -11,7 +11,7 @@ from sim2real.effects.patch import Patch
 from sim2real.excitation.contact_suite.monitor import OutOfPicture, SuiteMonitor
 from sim2real.excitation.contact_suite.suite import SuiteState, task_suite
 from sim2real.excitation.contact_suite.tip_path import rest_segment
-from sim2real.excitation.suite import Segment, end_of, schedule
+from sim2real.excitation.suite import Segment, end_stamp, schedule_starts
 from sim2real.recordings.reading import SECOND
 from sim2real.recordings.signals import Commands, Log
 from sim2real.task.keypoint_track import KeypointTrack
@@ -124,7 +124,7 @@ class SimulatedLab:
 
     def _lead(self, plan: list[Segment]) -> None:
         begin = self._simulation.stamp
-        starts, end, sent = schedule(plan, begin), end_of(plan, begin), 0
+        starts, end, sent = schedule_starts(plan, begin), end_stamp(plan, begin), 0
         while self._simulation.stamp < end:
             measured = self._simulation.measure()
             self._controller.observe(measured.stamp, measured.position[:7], measured.velocity[:7])

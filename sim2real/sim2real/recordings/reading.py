@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -44,12 +45,22 @@ def bag_violation(path: str | Path, error: Exception) -> ContractViolation:
     return ContractViolation(said if said.startswith(name) else f"{name}: {said}")
 
 
-def load_log(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
-    """A log of an arm's joints from a rosbag2 folder, or from an .npz file (`load_npz`). Raises ContractViolation."""
-    return load_npz(path, len(joints)) if Path(path).suffix == ".npz" else load_bag(path, joints)
+class HasJoints(Protocol):
+    """An arm: anything with names of joints, base to tip."""
+
+    joints: tuple[str, ...]
 
 
-def load_bag(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
+def load_log(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) -> Log:
+    """A log of an arm's joints, or of these, from a rosbag2 folder or an .npz file (`load_npz`). Raises ContractViolation."""
+    return load_npz(path, joints) if Path(path).suffix == ".npz" else load_bag(path, joints)
+
+
+def _names(joints: Sequence[str] | HasJoints) -> tuple[str, ...]:
+    return tuple(getattr(joints, "joints", joints))
+
+
+def load_bag(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) -> Log:
     """The joints of a rosbag2 recording. Its torques are without gravity. Raises ContractViolation.
 
     A measured torque is the mean of the period that ends at its stamp, a command acts in the one that begins
@@ -57,7 +68,8 @@ def load_bag(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
     arm's messages may name further joints, in any order, at any rate of `RECORDINGS.rates`. Its controller's law is replayed
     where `target_gains` are recorded.
     """
-    is_panda = tuple(joints) == JOINT_NAMES
+    joints = _names(joints)
+    is_panda = joints == JOINT_NAMES
     name = f"bag {Path(path)}"
     try:
         with Recording(path, required=("joint_states",)) as recording:
@@ -152,7 +164,7 @@ def _motor(name, stamp, motor_stamp, motor, joints) -> np.ndarray | None:
     return angles
 
 
-def load_npz(path: str | Path, joints: int = len(JOINT_NAMES)) -> Log:
+def load_npz(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) -> Log:
     """Arrays of one of three kinds. Raises ContractViolation.
 
     Measured torque (libfranka's robot state): t_s (n,), q_rad, dq_rad_s, tau_J_Nm (n, k), torque with gravity;
@@ -161,7 +173,7 @@ def load_npz(path: str | Path, joints: int = len(JOINT_NAMES)) -> Log:
     des_dof_pos, des_dof_vel, des_dof_torque (n, k or more), kp, kd: the drive's own law kp e - kd dq is all the torque there
     is, gravity included.
     """
-    name = f"file {path}"
+    name, joints = f"file {path}", len(_names(joints))
     try:
         with np.load(path, allow_pickle=False) as file:
             content = {key: np.asarray(file[key], dtype=float) for key in file.files}

@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from sim2real.checks.shrinkage import REGIMES, regimes
+from sim2real.checks.shrinkage import REGIMES, split_regimes
 from sim2real.diagnosis import Diagnosis
 from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.patch import dump_patch
 from sim2real.effects.stage import Stage
-from sim2real.excitation.ambiguity import open_question
+from sim2real.excitation.ambiguity import find_open_question
 from sim2real.finding import Finding
-from sim2real.progress import Tell, silent
+from sim2real.progress import StageCallback, ignore_stage
 from sim2real.recordings.signals import Log
-from sim2real.report.notes import notes
-from sim2real.simulation.patching import make_patch, tried_patch
+from sim2real.report.notes import list_notes
+from sim2real.simulation.patch_trial import make_patch, try_patch
 from sim2real.thresholds import THRESHOLDS
 
 
@@ -77,7 +77,7 @@ def make_report(
             "test_trajectories": len(diagnosis.design.blocks),
             "held_out": "each block of contiguous motion once, by a fit to the others at least 0.5 s away",
         },
-        "notes": notes(diagnosis, bool(shots)),
+        "notes": list_notes(diagnosis, bool(shots)),
         "runtime_s": runtime,
     }
 
@@ -116,13 +116,13 @@ def where(diagnosis: Diagnosis) -> list[dict]:
     return [{"module": m, "component": c, "share": float(e / total)} for (m, c), e in ranked]
 
 
-def write(
+def write_report(
     out: Path,
     diagnosis: Diagnosis,
     logs: Sequence[Log],
     runtime: Callable[[], float],
     quick: bool = False,
-    tell: Tell = silent,
+    tell: StageCallback = ignore_stage,
 ) -> dict:
     """Write report.json, patch.yaml and report.html into `out`; returns the report.
 
@@ -133,16 +133,16 @@ def write(
     patch, left_out = make_patch(diagnosis), ()
     if not quick and not diagnosis.context.reference:  # what changed is not seen in a simulator of the nominal arm
         # Simulators and planners take a second to import, which a quick look has not.
-        from sim2real.excitation.power import next_experiment
-        from sim2real.simulation.refit import second_opinion
+        from sim2real.excitation.power import choose_next_experiment
+        from sim2real.simulation.refit import refit_in_simulation
 
         tell("next experiment")
-        question = open_question(diagnosis)
-        experiment = next_experiment(diagnosis, question)
+        question = find_open_question(diagnosis)
+        experiment = choose_next_experiment(diagnosis, question)
         tell("the patch in the simulator")
-        patch, left_out, shots = tried_patch(diagnosis)
+        patch, left_out, shots = try_patch(diagnosis)
         tell("refit in the simulator")
-        forward = second_opinion(diagnosis, question[1].models[1 : THRESHOLDS.refit.models] if question else ())
+        forward = refit_in_simulation(diagnosis, question[1].models[1 : THRESHOLDS.refit.models] if question else ())
     report = make_report(diagnosis, logs, round(runtime(), 2), shots, experiment, forward, left_out)
     text = to_json(report, quick)
     out.mkdir(parents=True, exist_ok=True)
@@ -194,7 +194,7 @@ def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | N
     reversing = np.zeros(samples.velocity.shape, bool)
     reversing[:, joint] = cells[turn].rows
     table = {}
-    for name, mask in regimes(samples.velocity, samples.acceleration, reversing).items():
+    for name, mask in split_regimes(samples.velocity, samples.acceleration, reversing).items():
         n = turn if name == "reversal" else slide
         rows = mask[:, joint] & cells[n].rows
         table[name] = (

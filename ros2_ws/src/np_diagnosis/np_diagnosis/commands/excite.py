@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from sim2real.excitation.contact_suite.suite import FAMILIES, check_families
-from sim2real.excitation.suite import FURTHER, NAMES, suite
+from sim2real.excitation.suite import FURTHER, NAMES, make_suite
 from sim2real.thresholds import THRESHOLDS
 
 from np_common.cli import INTERRUPTED, Parser, Progress, interrupt_on_sigterm, new_folder
@@ -71,7 +71,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     try:
         if options.suite == "arm":
-            suite(options.only)
+            make_suite(options.only)
         else:
             check_families(options.only)
             domain_with(options.domain, options.object)
@@ -168,7 +168,7 @@ def excite(options: argparse.Namespace) -> dict:
         ways = count - len(durations)  # to the first posture, where the arm rests elsewhere
         bar.show(sum(durations[: max(0, number - 1 - ways)]), name)
 
-    durations = [] if is_task else [segment.duration for segment in suite(options.only)]
+    durations = [] if is_task else [segment.duration for segment in make_suite(options.only)]
     motion = sum(durations)
     if not is_task and motion < (enough := THRESHOLDS.blocks.shortest):
         _say(

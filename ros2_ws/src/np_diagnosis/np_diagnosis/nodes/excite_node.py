@@ -16,7 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState, PointCloud2
 from sim2real.excitation.contact_suite.monitor import OutOfPicture, SuiteMonitor
 from sim2real.excitation.contact_suite.suite import SuiteState, task_suite
-from sim2real.excitation.suite import TICK_NS, Segment, end_of, schedule, suite
+from sim2real.excitation.suite import TICK_NS, Segment, end_stamp, make_suite, schedule_starts
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
@@ -114,7 +114,7 @@ class Exciter(Participant):
         Raises GraphError where the backend stops, a trajectory is refused or the states cease; NodeDied.
         """
         with self._at_rest_afterwards():
-            return self._lead(suite(only, start=self._state[1]))
+            return self._lead(make_suite(only, start=self._state[1]))
 
     def run_task(self, domain: Domain, only: Sequence[str] = (), camera: Camera = CAMERA) -> list[str]:
         """Send the task suite's experiments, or some families of it, each planned once the one before is over; the segments sent. It ends
@@ -152,7 +152,7 @@ class Exciter(Participant):
         """Send a plan, from where the arm is; the segments sent."""
         begin = -(-self._state[0] // TICK_NS) * TICK_NS
         self._plan, self._sent, self._gains_sent = plan, 0, 0
-        self._starts, self._end = schedule(plan, begin), end_of(plan, begin)
+        self._starts, self._end = schedule_starts(plan, begin), end_stamp(plan, begin)
         self._heard = time.monotonic()
         self._advance()
         self._follow(lambda: self._state[0] >= self._end, "the end of the experiment")

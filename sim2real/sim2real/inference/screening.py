@@ -6,14 +6,16 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from sim2real.inference.design import Design
-from sim2real.inference.fit import Fit
+from sim2real.inference.fit import ParameterFit
+from sim2real.inference.regression import RegressionProblem
 from sim2real.thresholds import THRESHOLDS
 
 SEARCH = THRESHOLDS.search
 
 
-def gains(design: Design, groups: Iterable[tuple[tuple[int, ...], np.ndarray, Fit]]) -> np.ndarray:
+def likelihood_gains(
+    design: RegressionProblem, groups: Iterable[tuple[tuple[int, ...], np.ndarray, ParameterFit]]
+) -> np.ndarray:
     """Rise of the likelihood (candidates,), nats, to second order, by each candidate's addition to a model.
 
     groups: of that model, the joints, the ids of their parameters, and the fit of these.
@@ -26,7 +28,7 @@ def gains(design: Design, groups: Iterable[tuple[tuple[int, ...], np.ndarray, Fi
     for joints, ids, fit in groups:
         inside[ids] = True
         values[ids] = fit.parameters.mean(axis=0)
-        cells = [cell for j in joints for cell in design.of(j)]
+        cells = [cell for j in joints for cell in design.cells_of(j)]
         variance |= {id(c): v.mean() for c, v in zip(cells, fit.variance)}
     for cell, gram in zip(design.cells, (cell.total for cell in design.cells)):
         v = variance[id(cell)]

@@ -24,7 +24,7 @@ CHUNK = 4096  # states that fit into the cache together
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class LinkMotion:
     """Each link's motion in its own frame: rate, turning, linear (k, 3, n) rad/s, rad/s^2, m/s^2, the last of
     the joint's origin and with gravity as an upward acceleration; origin (k, 3, n) m and rotation
     (k, 3, 3, n) in the world; axis (k, 3, n) in the world."""
@@ -37,7 +37,7 @@ class Motion:
     axis: np.ndarray
 
 
-def move(arm: Arm, q, dq=None, ddq=None, gravity=None) -> Motion:
+def forward_recursion(arm: Arm, q, dq=None, ddq=None, gravity=None) -> LinkMotion:
     """Motion of the links at q (n, k) rad, dq, ddq (None: zero), under gravity (3,) m/s^2 (None: the arm's)."""
     n, k = q.shape
     rate, turning, linear, origin, axis = (np.zeros((k, 3, n)) for _ in range(5))
@@ -61,16 +61,16 @@ def move(arm: Arm, q, dq=None, ddq=None, gravity=None) -> Motion:
         if ddq is not None:
             turning[i] += hinge * ddq[:, i]
         axis[i] = _apply(rotation[i], arm.axis[i])
-    return Motion(rate, turning, linear, origin, rotation, axis)
+    return LinkMotion(rate, turning, linear, origin, rotation, axis)
 
 
-def torque(arm: Arm, q, dq=None, ddq=None, gravity=None) -> np.ndarray:
+def inverse_dynamics(arm: Arm, q, dq=None, ddq=None, gravity=None) -> np.ndarray:
     """Joint torque (n, k) Nm that the motion takes, gravity included unless `gravity` is zero."""
     if len(q) > CHUNK:
         parts = [slice(start, start + CHUNK) for start in range(0, len(q), CHUNK)]
         some = [[None if x is None else x[part] for x in (q, dq, ddq)] for part in parts]
-        return np.concatenate([torque(arm, *states, gravity) for states in some])
-    motion = move(arm, q, dq, ddq, gravity)
+        return np.concatenate([inverse_dynamics(arm, *states, gravity) for states in some])
+    motion = forward_recursion(arm, q, dq, ddq, gravity)
     n, k = q.shape
     force, couple = np.zeros((k, 3, n)), np.zeros((k, 3, n))  # in the world, couple about the world's origin
     for i in range(k):
@@ -87,7 +87,7 @@ def torque(arm: Arm, q, dq=None, ddq=None, gravity=None) -> np.ndarray:
     return np.ascontiguousarray((motion.axis * about).sum(axis=1).T)
 
 
-def carried(arm: Arm, joint: int) -> list[int]:
+def links_moved_by(arm: Arm, joint: int) -> list[int]:
     """Links that a joint turns."""
     found = []
     for link in range(len(arm)):
@@ -99,31 +99,31 @@ def carried(arm: Arm, joint: int) -> list[int]:
     return found
 
 
-def own_sizes(arm: Arm) -> np.ndarray:
+def link_inertia_traces(arm: Arm) -> np.ndarray:
     """Each link's own inertia (k,) kg m^2 as a number: its trace; of the first link, that about its axis."""
     return np.array(
         [
             axis @ inertia @ axis if p < 0 else np.trace(inertia)
-            for axis, inertia, p in zip(arm.axis, centred_inertia(arm), arm.parent)
+            for axis, inertia, p in zip(arm.axis, central_inertia(arm), arm.parent)
         ]
     )
 
 
-def felt_inertia(arm: Arm, q) -> np.ndarray:
+def drive_inertia(arm: Arm, q) -> np.ndarray:
     """Inertia (k,) kg m^2 that each drive feels at q (k,): diagonal of the mass matrix, rotors included."""
     count = len(arm)
     still = np.tile(q, (count, 1))
-    return np.diag(torque(arm, still, np.zeros_like(still), np.eye(count), np.zeros(3))) + arm.armature
+    return np.diag(inverse_dynamics(arm, still, np.zeros_like(still), np.eye(count), np.zeros(3))) + arm.armature
 
 
 def gravity_torque(arm: Arm, q, gravity=None) -> np.ndarray:
     """Torque (n, k) Nm that holds the arm; linear in gravity (3,) m/s^2."""
-    return torque(arm, q, gravity=gravity)
+    return inverse_dynamics(arm, q, gravity=gravity)
 
 
 def gravity_slope(arm: Arm, q) -> np.ndarray:
     """Change (n, k, k) Nm/rad of joint i's gravity torque with position j; symmetric."""
-    motion = move(arm, q)
+    motion = forward_recursion(arm, q)
     n, k = q.shape
     mass, moment = arm.mass.copy(), np.zeros((k, 3, n))  # of all that a joint carries, in the world
     for i in range(k):
@@ -143,7 +143,7 @@ def gravity_slope(arm: Arm, q) -> np.ndarray:
     return slope
 
 
-def regressor(arm: Arm, motion: Motion, link: int) -> np.ndarray:
+def regressor(arm: Arm, motion: LinkMotion, link: int) -> np.ndarray:
     """Change (n, k, 10) of the joint torques with the inertial parameters of one link, in `PARAMETERS` order."""
     k, _, n = motion.rate.shape
     w, a, b = motion.rate[link], motion.turning[link], motion.linear[link]
@@ -166,17 +166,17 @@ def regressor(arm: Arm, motion: Motion, link: int) -> np.ndarray:
     return columns
 
 
-def own_inertia(arm: Arm, motion: Motion) -> np.ndarray:
+def link_inertia_torque(arm: Arm, motion: LinkMotion) -> np.ndarray:
     """Torque (n, k, k) Nm of joint i that turns link j about its own centre of mass: what a share of that
     inertia would add."""
     parts = [
         regressor(arm, motion, link)[:, :, 4:] @ np.array([about[pair] for pair in PAIRS])
-        for link, about in enumerate(centred_inertia(arm))
+        for link, about in enumerate(central_inertia(arm))
     ]
     return np.stack(parts, axis=2)
 
 
-def moved_centre(arm: Arm, link: int) -> np.ndarray:
+def mass_centre_change(arm: Arm, link: int) -> np.ndarray:
     """Change (10, 3) of a link's `PARAMETERS` with its m c along x, y, z: the mass moves, its inertia about its centre stays,
     and that about the joint goes along, to first order."""
     centre = arm.moment[link] / max(arm.mass[link], 1e-9)
@@ -185,7 +185,7 @@ def moved_centre(arm: Arm, link: int) -> np.ndarray:
     return np.vstack([np.zeros((1, 3)), np.eye(3), inertia])
 
 
-def centred_inertia(arm: Arm) -> np.ndarray:
+def central_inertia(arm: Arm) -> np.ndarray:
     """Inertia (k, 3, 3) kg m^2 of each link about its own centre of mass."""
     shifts = [(h @ h * np.eye(3) - np.outer(h, h)) / max(m, 1e-9) for m, h in zip(arm.mass, arm.moment)]
     return arm.inertia - np.array(shifts)

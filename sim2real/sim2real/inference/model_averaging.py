@@ -1,23 +1,23 @@
 """Intervals that know of rival models: what the other probable models say of a parameter.
 
 Bayesian model averaging with the weights of `ranking` (pseudo-BMA+), over all groups of effects that were scored and
-hold the effect: with and without other effects, and with its other shapes.
+hold the effect: with and without other effects, and with other nonlinear parameters.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from sim2real.inference.design import Candidate
-from sim2real.inference.ranking import spans, weigh
-from sim2real.inference.search import Search
+from sim2real.inference.ranking import is_in_column_space, pseudo_bma_weights
+from sim2real.inference.regression import Candidate
+from sim2real.inference.search import ModelSearch
 from sim2real.thresholds import THRESHOLDS
 
 AVERAGING = THRESHOLDS.averaging
 
 
-def spread(
-    search: Search, joints: tuple[int, ...], inside: tuple[int, ...], member: int, seed: int
+def between_model_deviations(
+    search: ModelSearch, joints: tuple[int, ...], inside: tuple[int, ...], member: int, seed: int
 ) -> dict[str, float]:
     """Standard deviation of each parameter (by name) of a member of a group between models, about the group's value."""
     design, mine = search.design, search.design.candidates[member]
@@ -28,10 +28,10 @@ def spread(
         if (one, other) not in known:
             pair = design.candidates[one], design.candidates[other]
             near = pair[0].joint == pair[1].joint and pair[0].effect.component == pair[1].effect.component
-            known[one, other] = near and (spans(design, *pair) or spans(design, *pair[::-1]))
+            known[one, other] = near and (is_in_column_space(design, *pair) or is_in_column_space(design, *pair[::-1]))
         return known[one, other]
 
-    for others in search.scored(joints):
+    for others in search.scored_groups(joints):
         same = [n for n in others if _is_same(design.candidates[n], mine)]
         if same and not any(overlap(same[0], n) for n in others if n != same[0]):
             rivals.append((search.group_value(joints, others), others, same[0]))
@@ -41,7 +41,7 @@ def spread(
     scores = [search.group(joints, others)[0] for _, others, _ in rivals]
     density = np.array([s.density for s in scores])
     prior = np.array([value for value, _, _ in rivals]) - density.sum(axis=1)
-    weights = weigh(density, prior, seed)
+    weights = pseudo_bma_weights(density, prior, seed)
     own = _meaning(search, joints, inside, member)
     variance = dict.fromkeys(own, 0.0)
     for weight, (_, others, number) in zip(weights, rivals):
@@ -54,12 +54,12 @@ def spread(
 
 
 def _is_same(one: Candidate, other: Candidate) -> bool:
-    """Whether two candidates are the same effect at the same place, of whatever shape."""
+    """Whether two candidates are the same effect at the same place, whatever its nonlinear parameter."""
     names = [(c.effect.id, c.joint, c.effect.component) for c in (one, other)]
     return names[0] == names[1]
 
 
-def _meaning(search: Search, joints: tuple[int, ...], inside: tuple[int, ...], member: int) -> dict[str, float]:
+def _meaning(search: ModelSearch, joints: tuple[int, ...], inside: tuple[int, ...], member: int) -> dict[str, float]:
     """Values of a member's parameters in the fit of a group, by the names that a report gives them."""
     candidate = search.design.candidates[member]
     ids = search.ids(joints, inside)
@@ -67,8 +67,8 @@ def _meaning(search: Search, joints: tuple[int, ...], inside: tuple[int, ...], m
     found = {
         p.name: float(values[np.flatnonzero(ids == i)[0]]) for p, i in zip(candidate.effect.parameters, candidate.ids)
     }
-    shape = candidate.effect.shape
-    if shape is None:
+    nonlinear = candidate.effect.nonlinear
+    if nonlinear is None:
         return found
     share = found.pop("share", 1.0)
-    return {**found, shape.name: shape.value * share if shape.linear else shape.value}
+    return {**found, nonlinear.name: nonlinear.value * share if nonlinear.linear else nonlinear.value}

@@ -10,16 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim2real.arm.rigid import felt_inertia
+from sim2real.arm.rigid_body import drive_inertia
 from sim2real.effects.evidence import Context
 from sim2real.effects.regressor import Parameter
 from sim2real.effects.stage import Stage
-from sim2real.inference.cells import Cell, make_cell
-from sim2real.inference.design import Design
-from sim2real.inference.fit import Fit, held_out, score
-from sim2real.inference.flexible import flexible
-from sim2real.inference.residuals import Stages
-from sim2real.inference.search import Search, fits_of
+from sim2real.inference.fit import ParameterFit, predict_held_out_residual, score_held_out
+from sim2real.inference.flexible import flexible_columns
+from sim2real.inference.regression import RegressionProblem
+from sim2real.inference.residual_cells import ResidualCell, make_cell
+from sim2real.inference.residual_stages import ResidualStages
+from sim2real.inference.search import ModelSearch, fits_by_joint
 from sim2real.thresholds import THRESHOLDS
 
 OMNIBUS = THRESHOLDS.omnibus
@@ -60,10 +60,10 @@ class LackOfFit:
         return 1.0 if reducible <= 0 else float(np.clip(1 - self.excess / reducible, 0.0, 1.0))
 
 
-def omnibus_test(search: Search, members: tuple[int, ...]) -> list[LackOfFit]:
+def omnibus_test(search: ModelSearch, members: tuple[int, ...]) -> list[LackOfFit]:
     """Lack of fit of the model with these members, at every stage of torques of every joint with enough rows."""
     design, found = search.design, []
-    fits = fits_of(search, members)
+    fits = fits_by_joint(search, members)
     for cell in design.cells:
         if cell.at_reversal or cell.stage is Stage.TRANSMISSION or cell.used.sum() < OMNIBUS.blocks:
             continue
@@ -71,10 +71,12 @@ def omnibus_test(search: Search, members: tuple[int, ...]) -> list[LackOfFit]:
     return found
 
 
-def _lack_of_fit(design: Design, cell: Cell, ids: np.ndarray, fit: Fit) -> LackOfFit:
+def _lack_of_fit(design: RegressionProblem, cell: ResidualCell, ids: np.ndarray, fit: ParameterFit) -> LackOfFit:
     """Of one cell. The flexible model is fitted to residuals of blocks that the chosen model has not seen."""
-    left = held_out(cell, ids, fit)
-    gain, error, after = predicted(design, cell, left, flexible(design.context, cell.stage, cell.joint))
+    left = predict_held_out_residual(cell, ids, fit)
+    gain, error, after = predict_from_columns(
+        design, cell, left, flexible_columns(design.context, cell.stage, cell.joint)
+    )
     rows = cell.rows
     return LackOfFit(
         cell.stage,
@@ -90,12 +92,14 @@ def _lack_of_fit(design: Design, cell: Cell, ids: np.ndarray, fit: Fit) -> LackO
     )
 
 
-def predicted(design: Design, cell: Cell, left: np.ndarray, columns: np.ndarray) -> tuple[float, float, np.ndarray]:
+def predict_from_columns(
+    design: RegressionProblem, cell: ResidualCell, left: np.ndarray, columns: np.ndarray
+) -> tuple[float, float, np.ndarray]:
     """How well columns (n, count) predict what is `left` (n,) of a cell, each block from a fit to the others.
 
     Returns the gain in nats, its standard error over blocks, and the residual (n,) after it.
     """
-    columns, left = design.stages.asked(cell.stage, cell.rows, columns, left)
+    columns, left = design.stages.question_columns(cell.stage, cell.rows, columns, left)
     scale = np.sqrt(np.mean(columns[cell.rows] ** 2, axis=0)) + 1e-12
     spread = float(np.sqrt(np.mean(left[cell.rows] ** 2))) + 1e-12
     parameters = [Parameter("any", "", -1e9, 1e9, spread / s) for s in scale]
@@ -104,12 +108,12 @@ def predicted(design: Design, cell: Cell, left: np.ndarray, columns: np.ndarray)
     flexible = make_cell(
         own, cell.stage, cell.joint, ids, columns, design.blocks, parameters, at_reversal=cell.at_reversal
     )
-    null, full = (score([flexible], used, parameters) for used in (ids[:0], ids))
+    null, full = (score_held_out([flexible], used, parameters) for used in (ids[:0], ids))
     difference = full.density - null.density
     return (
         float(difference.sum()),
         float(np.sqrt(len(difference)) * difference.std(ddof=1)),
-        held_out(flexible, ids, full.fit),
+        predict_held_out_residual(flexible, ids, full.fit),
     )
 
 
@@ -122,7 +126,7 @@ def _outlying(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
     return tuple(float(np.mean(np.where(np.abs(r) > OMNIBUS.outlying * usual, r, 0.0) ** 2)) for r in (before, after))
 
 
-def _noise(design: Design, cell: Cell, left: np.ndarray) -> float:
+def _noise(design: RegressionProblem, cell: ResidualCell, left: np.ndarray) -> float:
     """Standard deviation of the noise in what is `left` (n,) of a cell. Of two recordings of an arm, what the earlier one
     leaves of its dynamics is noise as well, coloured or not, for nothing had changed there."""
     rows = cell.rows
@@ -133,7 +137,7 @@ def _noise(design: Design, cell: Cell, left: np.ndarray) -> float:
     return white
 
 
-def _sensors(context: Context, cell: Cell) -> float:
+def _sensors(context: Context, cell: ResidualCell) -> float:
     """Largest standard deviation Nm that the sensors' noise can have in a residual.
 
     It is known for r2 of a recording without commands, and infinite elsewhere. A joint that shakes has no memory at
@@ -142,7 +146,7 @@ def _sensors(context: Context, cell: Cell) -> float:
     if cell.stage is not Stage.DYNAMICS or context.drive is not None:
         return np.inf
     j = cell.joint
-    inertia = felt_inertia(context.arm, np.median(context.samples.position, axis=0))[j]
+    inertia = drive_inertia(context.arm, np.median(context.samples.position, axis=0))[j]
     return float(np.hypot(context.samples.noise[j], inertia * context.samples.shaking[j]))
 
 
@@ -150,7 +154,7 @@ def _sensors(context: Context, cell: Cell) -> float:
 class _Residual:
     """The stages with another residual, and other rows that count."""
 
-    stages: Stages
+    stages: ResidualStages
     left: np.ndarray
     kept: np.ndarray
 
@@ -163,7 +167,7 @@ class _Residual:
     def rows(self, stage: Stage, joint: int, at_reversal: bool) -> np.ndarray:
         return self.kept
 
-    def change(
+    def project_out_reference(
         self,
         stage: Stage,
         joint: int,

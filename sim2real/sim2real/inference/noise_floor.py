@@ -14,7 +14,7 @@ _SHARES = {
 }
 
 
-def visible(context: Context, stage: Stage, joint: int, share: float | None = None) -> float:
+def noise_floor(context: Context, stage: Stage, joint: int, share: float | None = None) -> float:
     """Smallest RMS that matters of a residual of one stage of one joint, Nm or rad.
 
     share: of the joint's torque limit (None: that of `THRESHOLDS.visible`). Of the dynamics also a share of the joint's

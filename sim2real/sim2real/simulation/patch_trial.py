@@ -35,19 +35,19 @@ def make_patch(diagnosis: Diagnosis) -> Patch:
     )
 
 
-def tried_patch(diagnosis: Diagnosis) -> tuple[Patch, list[str], dict[str, dict[str, float]] | None]:
+def try_patch(diagnosis: Diagnosis) -> tuple[Patch, list[str], dict[str, dict[str, float]] | None]:
     """(the patch, what was left out of it for the harm that it does, r4 by joint: RMS rad of the simulator's
     departure within a shot, nominal and with the patch).
 
     r4 is None, and the patch not tried, for another arm, or recordings without commands.
     """
-    from sim2real.simulation.forward import (
-        windows,  # the simulator takes a second to import, which a quick look has not
+    from sim2real.simulation.multiple_shooting import (
+        cut_windows,  # the simulator takes a second to import, which a quick look has not
     )
 
     patch, left_out = make_patch(diagnosis), []
     joints = diagnosis.context.arm.joints
-    recorded = windows(diagnosis.context.logs) if joints == NOMINAL.joints else None
+    recorded = cut_windows(diagnosis.context.logs) if joints == NOMINAL.joints else None
     if recorded is None:
         return patch, left_out, None
     old, new = _departures(recorded, [Patch(), patch])
@@ -65,10 +65,10 @@ def tried_patch(diagnosis: Diagnosis) -> tuple[Patch, list[str], dict[str, dict[
 
 def _departures(recorded, patches: Sequence[Patch]) -> np.ndarray:
     """RMS (P, 7) rad of each patch; infinite where the simulation diverges or has no such arm."""
-    from sim2real.simulation.forward import departures, rms
+    from sim2real.simulation.multiple_shooting import rms, simulate_departures
 
     try:
-        return rms(departures(recorded, patches))
+        return rms(simulate_departures(recorded, patches))
     except (FloatingPointError, ValueError):
         if len(patches) == 1:
             return np.full((1, len(NOMINAL.joints)), np.inf)

@@ -14,8 +14,8 @@ import numpy as np
 
 from np_control.impedance import torque as impedance_torque
 from np_control.safety import LIMITS, limit_torque
-from sim2real.arm import rigid
-from sim2real.arm.link_errors import link_errors
+from sim2real.arm import rigid_body as rigid
+from sim2real.arm.link_errors import link_error_torques
 from sim2real.arm.model import Arm
 from sim2real.effects.evidence import Drive, Prediction
 from sim2real.effects.recurrences import smooth_sign
@@ -27,22 +27,22 @@ RECORDINGS, ROWS = THRESHOLDS.recordings, THRESHOLDS.rows
 ENDLESS = 1e6  # Nm
 
 
-def slides(samples: Samples, joint: int) -> np.ndarray:
+def is_sliding(samples: Samples, joint: int) -> np.ndarray:
     """Rows (n,) of the samples whose whole filter window saw the joint slide in one direction."""
     slowest, fastest = (samples.filtered_extreme(joint, extreme) for extreme in (np.min, np.max))
     return (slowest > ROWS.standstill) | (fastest < -ROWS.standstill)
 
 
-def predict(samples: Samples, arm: Arm) -> Prediction:
+def predict_torques(samples: Samples, arm: Arm) -> Prediction:
     """Nominal torques of the samples' motion."""
     q, dq, ddq = samples.position, samples.velocity, samples.acceleration
     gravity = rigid.gravity_torque(arm, q)
-    inertial = rigid.torque(arm, q, dq, ddq) - gravity
+    inertial = rigid.inverse_dynamics(arm, q, dq, ddq) - gravity
     rotors = ddq * arm.armature
     direction = np.column_stack([samples.filtered(j, lambda q, v: smooth_sign(v)) for j in range(len(arm))])
     friction = direction * arm.frictionloss + dq * arm.damping
     total = inertial + rotors + friction + (gravity if samples.with_gravity else 0.0)
-    motion = rigid.move(arm, q, dq, ddq)
+    motion = rigid.forward_recursion(arm, q, dq, ddq)
     return Prediction(
         gravity,
         inertial,
@@ -53,19 +53,19 @@ def predict(samples: Samples, arm: Arm) -> Prediction:
         direction,
         motion,
         rigid.gravity_slope(arm, q),
-        rigid.own_inertia(arm, motion),
-        link_errors(arm, samples),
+        rigid.link_inertia_torque(arm, motion),
+        link_error_torques(arm, samples),
     )
 
 
 def expected_torque(position, velocity, acceleration, arm: Arm, with_gravity: bool) -> np.ndarray:
     """What the sensors of the nominal arm would show (n, k) Nm of a motion; near standstill only roughly."""
     still = None if with_gravity else np.zeros(3)
-    rigid_part = rigid.torque(arm, position, velocity, acceleration, still)
+    rigid_part = rigid.inverse_dynamics(arm, position, velocity, acceleration, still)
     return rigid_part + acceleration * arm.armature + smooth_sign(velocity) * arm.frictionloss + velocity * arm.damping
 
 
-def drive(logs: list[Log], arm: Arm, reference: int = 0) -> Drive | None:
+def make_drive(logs: list[Log], arm: Arm, reference: int = 0) -> Drive | None:
     """The drive side of logs with commands, None where none has. reference: how many of them, the first, are of the arm as it
     was, whose loop's delay then counts; 0: all."""
     parts, starts, count = [], [], 0
@@ -155,7 +155,7 @@ def _replay(log: Log, arm: Arm, kept: np.ndarray) -> tuple[np.ndarray, np.ndarra
     rate = np.gradient(c.target_velocity, log.time[c.rows], axis=0)[kept]
     if not c.feedforward:
         rate = np.zeros_like(rate)
-    feed = rigid.torque(arm, q, dq, rate, np.zeros(3)) + arm.armature * rate
+    feed = rigid.inverse_dynamics(arm, q, dq, rate, np.zeros(3)) + arm.armature * rate
     kp, kd = c.stiffness[kept], c.damping[kept]
     lead = c.target[kept] + kd / kp * c.target_velocity[kept]
     return impedance_torque(q, dq, lead, kp, kd / np.sqrt(kp), feed), lead - q

@@ -9,24 +9,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2real.inference.fit import held_out
-from sim2real.inference.search import Search, fits_of
+from sim2real.inference.fit import predict_held_out_residual
+from sim2real.inference.search import ModelSearch, fits_by_joint
 from sim2real.recordings.signals import GRID, Samples
 from sim2real.thresholds import THRESHOLDS
 
 STANDSTILL = THRESHOLDS.standstill
 
 
-def ageing(search: Search, members: tuple[int, ...]) -> set[int]:
+def find_friction_ageing(search: ModelSearch, members: tuple[int, ...]) -> set[int]:
     """Joints whose friction after a rest depends on how long it was, of what these members leave."""
     design, found = search.design, set()
-    fits = fits_of(search, members)
+    fits = fits_by_joint(search, members)
     for cell in design.cells:
         if not cell.at_reversal or not cell.rows.any():
             continue
-        left = held_out(cell, *fits[cell.joint])
-        after = after_rest(design.context.samples, cell.joint)
-        after, left = (v[cell.rows] for v in design.stages.asked(cell.stage, cell.rows, after, left))
+        left = predict_held_out_residual(cell, *fits[cell.joint])
+        after = rest_columns(design.context.samples, cell.joint)
+        after, left = (v[cell.rows] for v in design.stages.question_columns(cell.stage, cell.rows, after, left))
         if (np.abs(after[:, 0]) > STANDSTILL.fresh).sum() < STANDSTILL.rows:
             continue
         plain, aged = (_remaining(after[:, :count], left) for count in (1, 2))
@@ -36,7 +36,7 @@ def ageing(search: Search, members: tuple[int, ...]) -> set[int]:
     return found
 
 
-def after_rest(samples: Samples, joint: int) -> np.ndarray:
+def rest_columns(samples: Samples, joint: int) -> np.ndarray:
     """Columns (n, 2): the direction of a motion that has just begun, fading; and that times the logarithm of the time at
     rest before it."""
     fresh, aged = zip(*(_memory(velocity[:, joint]) for _, velocity in samples.segments))
@@ -44,7 +44,7 @@ def after_rest(samples: Samples, joint: int) -> np.ndarray:
 
 
 def _memory(velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The two columns (m,) of `after_rest`, from a velocity (m,) rad/s on the fine grid."""
+    """The two columns (m,) of `rest_columns`, from a velocity (m,) rad/s on the fine grid."""
     smooth = np.convolve(np.pad(velocity, 4, mode="edge"), np.full(9, 1 / 9), mode="valid")
     still = np.abs(smooth) <= STANDSTILL.still
     edges = np.concatenate([[0], np.flatnonzero(np.diff(still)) + 1, [len(still)]])

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2real.arm import rigid
+from sim2real.arm import rigid_body as rigid
 from sim2real.arm.model import Arm
 from sim2real.effects.evidence import Prediction
 from sim2real.recordings.signals import Samples
 
 
-class RigidAtSamples:
+class SampledDynamics:
     """What `sim2real.effects.evidence.RigidBody` describes; regressors are computed once a link."""
 
     def __init__(self, arm: Arm, samples: Samples, prediction: Prediction):
@@ -25,7 +25,7 @@ class RigidAtSamples:
 
     def moved_centre(self, link: int) -> np.ndarray:
         """Change (n, k, 3) of the torques with a link's m c along x, y, z; its inertia about its centre stays."""
-        return self.regressor(link) @ rigid.moved_centre(self._arm, link)
+        return self.regressor(link) @ rigid.mass_centre_change(self._arm, link)
 
     def gravity_torque(self, gravity: np.ndarray) -> np.ndarray:
         """Torque (n, k) Nm that holds the arm under another gravity (3,) m/s^2."""
@@ -33,8 +33,8 @@ class RigidAtSamples:
 
     def own_sizes(self) -> np.ndarray:
         """Inertia (k,) kg m^2 of each link about its own centre, as a number."""
-        return rigid.own_sizes(self._arm)
+        return rigid.link_inertia_traces(self._arm)
 
     def carried(self, joint: int) -> list[int]:
         """Links that a joint turns."""
-        return rigid.carried(self._arm, joint)
+        return rigid.links_moved_by(self._arm, joint)

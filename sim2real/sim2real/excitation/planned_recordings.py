@@ -13,26 +13,26 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from np_control.impedance import damping
 from np_control.safety import LIMITS
-from sim2real.arm import rigid
+from sim2real.arm import rigid_body as rigid
 from sim2real.arm.model import Arm
 from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.evidence import Context
 from sim2real.effects.recurrences import smooth_sign
 from sim2real.effects.registry import make_regressors
 from sim2real.effects.regressor import EffectRegressor
-from sim2real.excitation.suite import Segment, experiment
+from sim2real.excitation.suite import Segment, make_experiment
 from sim2real.inference import nuisances
-from sim2real.inference.cells import Block, Cell, make_cell
 from sim2real.inference.context import make_context
-from sim2real.inference.design import Design
-from sim2real.inference.residuals import Stages
+from sim2real.inference.regression import RegressionProblem
+from sim2real.inference.residual_cells import ResidualCell, TimeBlock, make_cell
+from sim2real.inference.residual_stages import ResidualStages
 from sim2real.recordings.signals import Commands, Log
 
 PERIOD = LIMITS.period
 COARSE = 4  # periods
 
 
-def planned_log(segment: Segment, arm: Arm, like: Log) -> Log:
+def plan_log(segment: Segment, arm: Arm, like: Log) -> Log:
     """A recording of one segment with the channels that `like` has, by an arm without any gap."""
     time = np.arange(0.0, segment.duration, PERIOD)
     q, dq, rate = _motion(segment, time)
@@ -51,9 +51,9 @@ def planned_log(segment: Segment, arm: Arm, like: Log) -> Log:
     return Log(segment.name, time, q, dq, measured, time - PERIOD / 2, like.with_gravity, commands, motor)
 
 
-def planned_context(names: Sequence[str], context: Context) -> Context:
+def plan_context(names: Sequence[str], context: Context) -> Context:
     """The context of recordings of these experiments, one trajectory each, by the arm and setup of a recorded one."""
-    logs = [planned_log(experiment(name), context.arm, context.logs[0]) for name in names]
+    logs = [plan_log(make_experiment(name), context.arm, context.logs[0]) for name in names]
     planned = make_context(logs, context.arm)
     held = None
     if planned.drive is not None and context.held is not None:
@@ -69,20 +69,22 @@ def planned_context(names: Sequence[str], context: Context) -> Context:
     )
 
 
-def planned_cells(design: Design, names: Sequence[str], members: Sequence[int], joints: Sequence[int]) -> list[Cell]:
+def plan_cells(
+    design: RegressionProblem, names: Sequence[str], members: Sequence[int], joints: Sequence[int]
+) -> list[ResidualCell]:
     """Sums of what these candidates and the nuisances would do in each experiment at each stage of some joints.
 
     They have the whitening and the parameters of the design's cells, and one block an experiment.
     """
-    context = planned_context(names, design.context)
-    stages, cells = Stages(context), []
+    context = plan_context(names, design.context)
+    stages, cells = ResidualStages(context), []
     effects = {m: _in(context, design.candidates[m].effect) for m in members}
-    blocks = tuple(Block(n, -np.inf, np.inf) for n in range(len(names)))
+    blocks = tuple(TimeBlock(n, -np.inf, np.inf) for n in range(len(names)))
     for cell in design.cells:
         if cell.joint not in joints or cell.stage not in stages.stages:
             continue
         own = [i for i in cell.ids if i in design.nuisances[cell.joint]]
-        ids, matrix = [np.array(own, int)], [nuisances.columns(context, cell.stage, cell.joint)]
+        ids, matrix = [np.array(own, int)], [nuisances.nuisance_columns(context, cell.stage, cell.joint)]
         for m in members:
             candidate = design.candidates[m]
             if candidate.joint in (None, cell.joint):
@@ -117,7 +119,7 @@ def _rigid(arm: Arm, segment: Segment, time: np.ndarray) -> np.ndarray:
     """Torque (n, 7) Nm of the motion without gravity and friction: of every few rows, and smooth in between."""
     coarse = np.linspace(0.0, time[-1], 2 + len(time) // COARSE)
     q, dq, rate = _motion(segment, coarse)
-    return CubicSpline(coarse, rigid.torque(arm, q, dq, rate, np.zeros(3)) + arm.armature * rate)(time)
+    return CubicSpline(coarse, rigid.inverse_dynamics(arm, q, dq, rate, np.zeros(3)) + arm.armature * rate)(time)
 
 
 def _in(context: Context, effect: EffectRegressor) -> EffectRegressor:

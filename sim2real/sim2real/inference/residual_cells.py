@@ -16,14 +16,14 @@ import numpy as np
 from sim2real.effects.evidence import Context
 from sim2real.effects.regressor import Parameter
 from sim2real.effects.stage import Stage
-from sim2real.inference.residuals import Stages
+from sim2real.inference.residual_stages import ResidualStages
 from sim2real.thresholds import THRESHOLDS
 
 VALIDATION = THRESHOLDS.blocks
 
 
 @dataclass(frozen=True)
-class Block:
+class TimeBlock:
     """Rows from start to end (s) of one trajectory, predicted together from what is a gap away."""
 
     trajectory: int
@@ -32,7 +32,7 @@ class Block:
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class ResidualCell:
     """One stage of one joint; at_reversal: of its rows about reversals (`Stages.rows`).
 
     ids (p,): parameters with columns here, those of nuisances first. test, held (m, p + 1, p + 1): Gram matrices of
@@ -98,7 +98,7 @@ class Cell:
         return self.test_rows >= VALIDATION.rows
 
 
-def make_blocks(context: Context, gap: float = VALIDATION.gap) -> tuple[Block, ...]:
+def make_blocks(context: Context, gap: float = VALIDATION.gap) -> tuple[TimeBlock, ...]:
     """Contiguous stretches of one trajectory each, of about equal length.
 
     Raises ValueError where a block would not be three gaps long.
@@ -122,21 +122,21 @@ def make_blocks(context: Context, gap: float = VALIDATION.gap) -> tuple[Block, .
                 f"pieces: record more (excite --only sweep_7 is enough)"
             )
         edges = np.linspace(start, end, n + 1)
-        blocks += [Block(number, a, b) for a, b in zip(edges[:-1], edges[1:])]
+        blocks += [TimeBlock(number, a, b) for a, b in zip(edges[:-1], edges[1:])]
     return tuple(blocks)
 
 
 def make_cell(
-    stages: Stages,
+    stages: ResidualStages,
     stage: Stage,
     joint: int,
     ids: np.ndarray,
     matrix: np.ndarray,
-    blocks: Sequence[Block],
+    blocks: Sequence[TimeBlock],
     parameters: Sequence[Parameter],
     whiten: np.ndarray | None = None,
     at_reversal: bool = False,
-) -> Cell:
+) -> ResidualCell:
     """Sums of one stage of one joint, with columns (n, p) `matrix` of the parameters `ids`.
 
     whiten: autoregression to use; None: from the data. at_reversal: of the rows about reversals, see `Stages.rows`.
@@ -144,7 +144,7 @@ def make_cell(
     trajectory, time = stages.times(stage)
     residual = stages.residual(stage, joint)
     counted = stages.rows(stage, joint, at_reversal)
-    matrix, residual = stages.change(stage, joint, counted, matrix, residual, at_reversal)
+    matrix, residual = stages.project_out_reference(stage, joint, counted, matrix, residual, at_reversal)
     kept = _kept(counted, trajectory)
     pieces = _pieces(trajectory, time, blocks)
     plain = _sums(matrix, residual, kept, np.zeros(0), pieces[:, [0, -1]])[0]
@@ -163,7 +163,7 @@ def make_cell(
     for b, (start, _, _, end) in enumerate(pieces):
         block[start:end] = b
     outside = float(np.square(residual[kept & (block < 0)]).sum())
-    return Cell(
+    return ResidualCell(
         stage,
         joint,
         ids,
@@ -191,7 +191,7 @@ def _kept(rows: np.ndarray, trajectory: np.ndarray) -> np.ndarray:
     return kept
 
 
-def _pieces(trajectory: np.ndarray, time: np.ndarray, blocks: Sequence[Block]) -> np.ndarray:
+def _pieces(trajectory: np.ndarray, time: np.ndarray, blocks: Sequence[TimeBlock]) -> np.ndarray:
     """Rows (m, 4) at which each block starts, its first `VALIDATION.gap` ends, its last `VALIDATION.gap` starts, and it ends."""
     pieces = []
     for part in blocks:

@@ -36,7 +36,7 @@ _BAD = [
 
 
 @dataclass(frozen=True, eq=False)
-class Windows:
+class ShootingWindows:
     """W stretches of recordings of m rows each, one row a control period.
 
     All (W, m, 7): position rad, velocity rad/s, lead (target with what it is ahead by) rad, stiffness Nm/rad, damping
@@ -58,9 +58,9 @@ class Windows:
     def __len__(self) -> int:
         return len(self.start)
 
-    def __getitem__(self, which: slice | np.ndarray) -> Windows:
+    def __getitem__(self, which: slice | np.ndarray) -> ShootingWindows:
         names = ("start", "position", "velocity", "lead", "stiffness", "damping", "fed", "commanded")
-        return Windows(self.period, self.warm, *(getattr(self, name)[which] for name in names))
+        return ShootingWindows(self.period, self.warm, *(getattr(self, name)[which] for name in names))
 
     @property
     def sampled(self) -> np.ndarray:
@@ -69,7 +69,7 @@ class Windows:
         return np.arange(first, self.position.shape[1], max(1, round(SHOT.sample / self.period)))
 
 
-def windows(logs: Sequence[Log], every: float = SHOT.every) -> Windows | None:
+def cut_windows(logs: Sequence[Log], every: float = SHOT.every) -> ShootingWindows | None:
     """Windows of all recordings of the Panda with commands at one rate; None where there are none."""
     parts, period = [], None
     for log in logs:
@@ -101,10 +101,10 @@ def windows(logs: Sequence[Log], every: float = SHOT.every) -> Windows | None:
                 )
     if not parts:
         return None
-    return Windows(period, round(SHOT.warm / period), *(np.array(column) for column in zip(*parts)))
+    return ShootingWindows(period, round(SHOT.warm / period), *(np.array(column) for column in zip(*parts)))
 
 
-def departures(recorded: Windows, patches: Sequence[Patch]) -> np.ndarray:
+def simulate_departures(recorded: ShootingWindows, patches: Sequence[Patch]) -> np.ndarray:
     """Simulated minus recorded joint angles (P, W, samples, 7) rad of each patch in each window.
 
     Raises FloatingPointError where a simulation diverges.

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2real.arm.stages import slides
+from sim2real.arm.nominal_prediction import is_sliding
 from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.evidence import Context
 from sim2real.effects.registry import make_reference_regressors, make_regressors
 from sim2real.effects.regressor import EffectRegressor
 from sim2real.effects.stage import Stage
 from sim2real.inference import nuisances
-from sim2real.inference.change import apart, beside, directions
-from sim2real.inference.flexible import flexible
+from sim2real.inference.flexible import flexible_columns
+from sim2real.inference.projection import hstack_contiguous, orthonormal_basis, project_out
 from sim2real.thresholds import THRESHOLDS
 
 ROWS = THRESHOLDS.rows
@@ -21,20 +21,20 @@ HINTS = THRESHOLDS.hints
 LOSS, HYSTERESIS = "packet_loss", "transmission_hysteresis"
 
 
-class Stages:
+class ResidualStages:
     """Residuals, times and rows of each stage that this recording has."""
 
     def __init__(self, context: Context):
         self.context = context
-        self.signatures = make_regressors(context)
+        self.regressors = make_regressors(context)
         self._before = make_reference_regressors(context) if context.reference else []
-        self._common: dict[tuple[Stage, int, bool], np.ndarray] = {}  # `directions` of each cell
+        self._common: dict[tuple[Stage, int, bool], np.ndarray] = {}  # `orthonormal_basis` of each cell
         # Of the last joint asked for: columns of effects by stage, and of what could be said of all recordings alike.
         self._kept: tuple[int, dict[tuple[int, Stage], tuple[EffectRegressor, np.ndarray]]] = (-1, {})
         self._alike_of: tuple[tuple[Stage, int], tuple[np.ndarray, np.ndarray]] | None = None
         self._projected: dict[tuple[int, int], tuple[EffectRegressor, np.ndarray]] = {}
         self.stages = [Stage.DYNAMICS]
-        self._slides = np.column_stack([slides(context.samples, j) for j in range(len(context.arm))])
+        self._slides = np.column_stack([is_sliding(context.samples, j) for j in range(len(context.arm))])
         if context.drive is not None:
             self.stages += [Stage.CONTROLLER, Stage.DRIVE] if context.drive.is_replayed else [Stage.DRIVE]
             self._is_smooth = _smooth(context)
@@ -63,24 +63,28 @@ class Stages:
     def columns(self, effect: EffectRegressor, stage: Stage, joint: int) -> np.ndarray | None:
         """Columns (n, parameters) of an effect at a stage of a joint, None where it does not show: in the recordings in
         which effects may show, zero in those of the arm as it was."""
-        return self.later(stage, self._everywhere(effect, stage, joint))
+        return self.mask_reference(stage, self._everywhere(effect, stage, joint))
 
-    def asked(
+    def question_columns(
         self, stage: Stage, rows: np.ndarray, columns: np.ndarray, left: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Columns (n, c) of a further question, and what is left (n,) to ask it of: of the change only, where there is one."""
         if not self.context.reference:
             return columns, left
-        both = apart(directions(columns, rows), rows, beside([self.later(stage, columns), left[:, None]]))
+        both = project_out(
+            orthonormal_basis(columns, rows),
+            rows,
+            hstack_contiguous([self.mask_reference(stage, columns), left[:, None]]),
+        )
         return both[:, :-1], both[:, -1]
 
-    def later(self, stage: Stage, columns: np.ndarray | None) -> np.ndarray | None:
+    def mask_reference(self, stage: Stage, columns: np.ndarray | None) -> np.ndarray | None:
         """Columns (n, c) of a stage, zero in the recordings of the arm as it was."""
         if columns is None or not self.context.reference:
             return columns
         return columns * self.context.is_later(self.times(stage)[0])[:, None]
 
-    def change(
+    def project_out_reference(
         self,
         stage: Stage,
         joint: int,
@@ -95,10 +99,10 @@ class Stages:
             return matrix, residual
         cell = stage, joint, at_reversal
         if cell not in self._common:  # a shape that is being settled asks for it again and again
-            self._common[cell] = directions(self._alike(stage, joint), rows)
+            self._common[cell] = orthonormal_basis(self._alike(stage, joint), rows)
         known, common = np.isfinite(residual), self._common[cell]
-        left = apart(common, rows, np.where(known, residual, 0.0)[:, None])[:, 0]
-        return apart(common, rows, matrix), np.where(known, left, np.nan)
+        left = project_out(common, rows, np.where(known, residual, 0.0)[:, None])[:, 0]
+        return project_out(common, rows, matrix), np.where(known, left, np.nan)
 
     def _alike(self, stage: Stage, joint: int) -> np.ndarray:
         """Columns (n, s) of all that could be said of both recordings of a cell."""
@@ -109,10 +113,12 @@ class Stages:
             return straight
         # Columns of a gear that winds nothing up are all alike, and rule out no change: they are of both recordings only
         # where the earlier one shows what they say.
-        bent = beside([straight, wound])
+        bent = hstack_contiguous([straight, wound])
         earlier = self.rows(stage, joint) & ~self.context.is_later(self.times(stage)[0])
         twist = np.where(earlier, self.residual(stage, joint), 0.0)[:, None]
-        left, less = (np.sum(apart(directions(c, earlier), earlier, twist)[earlier] ** 2) for c in (straight, bent))
+        left, less = (
+            np.sum(project_out(orthonormal_basis(c, earlier), earlier, twist)[earlier] ** 2) for c in (straight, bent)
+        )
         return bent if less < (1 - HINTS.always_wound) * left else straight
 
     def _said_of_both(self, stage: Stage, joint: int) -> tuple[np.ndarray, np.ndarray]:
@@ -121,15 +127,18 @@ class Stages:
         A limit that the drive had before is said by a column of its own: between two limits of a grid the nearest one leaves
         what a new limit would explain. It is known by the torque measured, and so may be taken out of r2 as well.
         """
-        own = [nuisances.columns(self.context, stage, joint), flexible(self.context, stage, joint, expected=True)]
+        own = [
+            nuisances.nuisance_columns(self.context, stage, joint),
+            flexible_columns(self.context, stage, joint, expected=True),
+        ]
         wound = [np.zeros((len(own[0]), 0))]
-        for effect in self.signatures:
+        for effect in self.regressors:
             said = effect.id != LOSS and ARM_EFFECTS[effect.id].reference_regressors is None
             if effect.only_joint in (None, joint) and stage in effect.columns and said:
                 (wound if effect.id == HYSTERESIS else own).append(self._own(effect, stage, joint))
         shown = [self._everywhere(effect, stage, joint) for effect in self._before if effect.only_joint == joint]
         own += [columns for columns in shown if columns is not None]
-        return beside(own), beside(wound)
+        return hstack_contiguous(own), hstack_contiguous(wound)
 
     def _everywhere(self, effect: EffectRegressor, stage: Stage, joint: int) -> np.ndarray | None:
         """Columns (n, parameters) of an effect in all recordings.

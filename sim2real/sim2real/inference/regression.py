@@ -12,9 +12,9 @@ from sim2real.effects.evidence import Context
 from sim2real.effects.regressor import EffectRegressor, Parameter
 from sim2real.effects.stage import Stage
 from sim2real.inference import nuisances
-from sim2real.inference.cells import Block, Cell, make_blocks, make_cell
-from sim2real.inference.change import beside
-from sim2real.inference.residuals import Stages
+from sim2real.inference.projection import hstack_contiguous
+from sim2real.inference.residual_cells import ResidualCell, TimeBlock, make_blocks, make_cell
+from sim2real.inference.residual_stages import ResidualStages
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,29 +31,29 @@ class Candidate:
         """Number of the joint that it is at, an effect of the arm too; None where that is no single one."""
         return self.component_joint if self.joint is None else self.joint
 
-    def at(self, joints: tuple[str, ...]) -> str:
+    def component(self, joints: tuple[str, ...]) -> str:
         """Joint name, or the arm effect's own component."""
         return self.effect.component if self.joint is None else joints[self.joint]
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class RegressionProblem:
     """All cells, all candidates, and the parameters (by id) with their priors."""
 
     context: Context
-    cells: tuple[Cell, ...]
+    cells: tuple[ResidualCell, ...]
     candidates: tuple[Candidate, ...]
     parameters: tuple[Parameter, ...]
     nuisances: tuple[np.ndarray, ...]  # ids by joint
-    blocks: tuple[Block, ...]
-    stages: Stages
+    blocks: tuple[TimeBlock, ...]
+    stages: ResidualStages
 
-    def of(self, joint: int) -> list[Cell]:
+    def cells_of(self, joint: int) -> list[ResidualCell]:
         """The cells of a joint."""
         return [cell for cell in self.cells if cell.joint == joint]
 
 
-def make_design(context: Context) -> Design:
+def make_regression(context: Context) -> RegressionProblem:
     """Columns of every effect in every stage of every joint, and their sums."""
     parameters: list[Parameter] = []
 
@@ -61,13 +61,13 @@ def make_design(context: Context) -> Design:
         parameters.extend(parts)
         return np.arange(len(parameters) - len(parts), len(parameters))
 
-    stages = Stages(context)
+    stages = ResidualStages(context)
     nuisance = [
-        {stage: new(nuisances.parameters(context, stage, joint)) for stage in stages.stages}
+        {stage: new(nuisances.nuisance_parameters(context, stage, joint)) for stage in stages.stages}
         for joint in range(len(context.arm))
     ]
     candidates = []
-    for effect in stages.signatures:
+    for effect in stages.regressors:
         places = [None] if effect.is_arm else range(len(context.arm))
         for joint in places:
             if effect.only_joint is None or effect.only_joint == joint:
@@ -77,7 +77,7 @@ def make_design(context: Context) -> Design:
     cells = []
     for joint in range(len(context.arm)):
         for stage in stages.stages:
-            own = stages.later(stage, nuisances.columns(context, stage, joint))
+            own = stages.mask_reference(stage, nuisances.nuisance_columns(context, stage, joint))
             parts, ids = [own], [nuisance[joint][stage]]
             for candidate in candidates:
                 if candidate.joint in (None, joint):
@@ -85,12 +85,12 @@ def make_design(context: Context) -> Design:
                     if columns is not None:
                         parts.append(columns)
                         ids.append(candidate.ids)
-            shown, columns = np.concatenate(ids), beside(parts)
+            shown, columns = np.concatenate(ids), hstack_contiguous(parts)
             cells.append(make_cell(stages, stage, joint, shown, columns, blocks, parameters))
             if stage is Stage.DYNAMICS:  # the same columns and nuisances in the rows about reversals
                 cells.append(make_cell(stages, stage, joint, shown, columns, blocks, parameters, at_reversal=True))
     ids = tuple(np.concatenate(list(own.values())) for own in nuisance)
-    return Design(context, tuple(cells), tuple(candidates), tuple(parameters), ids, blocks, stages)
+    return RegressionProblem(context, tuple(cells), tuple(candidates), tuple(parameters), ids, blocks, stages)
 
 
 def _told(context: Context, effect: EffectRegressor) -> tuple[Parameter, ...]:

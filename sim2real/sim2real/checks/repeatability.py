@@ -18,7 +18,7 @@ def white_noise(values: np.ndarray) -> np.ndarray:
     return 1.4826 * np.median(np.abs(np.diff(values, 3, axis=0)), axis=0) / np.sqrt(20)
 
 
-def repeatability(samples: Samples, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def measure_repeatability(samples: Samples, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Floor of the residual (n, k) Nm by joint: (RMSE (k,) Nm, whether it was measured (k,) bool).
 
     It is measured where the arm came through the same state at least `FLOOR.pairs` times, a second or a trajectory

@@ -14,7 +14,7 @@ import numpy as np
 KNOWN = 1e-9  # of the strongest direction of the common columns, below which one is rounding
 
 
-def beside(parts: Sequence[np.ndarray]) -> np.ndarray:
+def hstack_contiguous(parts: Sequence[np.ndarray]) -> np.ndarray:
     """Columns (n, c) of several parts (n, any) one beside the other, each column contiguous: they are used one by one, and
     recordings are long."""
     side = np.empty((sum(part.shape[1] for part in parts), len(parts[0])))
@@ -22,7 +22,7 @@ def beside(parts: Sequence[np.ndarray]) -> np.ndarray:
     return side.T
 
 
-def directions(common: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def orthonormal_basis(common: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """What columns (n, s) that recordings have in common span, as columns (n, k) that are orthonormal over `rows` (n,) bool."""
     used = common if rows.all() else common.T[:, rows].T
     gram = used.T @ used
@@ -37,8 +37,8 @@ def directions(common: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return (mixed.T @ common.T).T  # each contiguous, as columns are
 
 
-def apart(spanned: np.ndarray, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values (n, c) without what a fit to their `rows` (n,) bool puts into `directions` (n, k) of the same rows."""
+def project_out(spanned: np.ndarray, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (n, c) without what a fit to their `rows` (n,) bool puts into `orthonormal_basis` (n, k) of the same rows."""
     counted = values if rows.all() else values * rows[:, None]
     known = (counted.T @ spanned) @ spanned.T
     return np.subtract(values.T, known, out=known).T

@@ -13,7 +13,7 @@ blocks that their fit has not seen (as in `omnibus`):
 - any: the flexible model of the omnibus test, with the bounds of this module;
 - twist: the joint's angle, the load, and the directions of both. The twist of a gear follows the load alone.
 
-What happens once cannot be predicted from other blocks, and has a test of its own (`slipped`).
+What happens once cannot be predicted from other blocks, and has a test of its own (`find_slipped_encoders`).
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim2real.arm.rigid import felt_inertia
-from sim2real.checks.omnibus import LackOfFit, predicted
+from sim2real.arm.rigid_body import drive_inertia
+from sim2real.checks.lack_of_fit import LackOfFit, predict_from_columns
 from sim2real.effects.evidence import Context
 from sim2real.effects.stage import Stage
-from sim2real.inference.cells import Cell
-from sim2real.inference.fit import held_out, places
-from sim2real.inference.search import Search, fits_of
-from sim2real.inference.visible import visible
+from sim2real.inference.fit import parameter_indices, predict_held_out_residual
+from sim2real.inference.noise_floor import noise_floor
+from sim2real.inference.residual_cells import ResidualCell
+from sim2real.inference.search import ModelSearch, fits_by_joint
 from sim2real.thresholds import THRESHOLDS
 
 CONSTANCY = THRESHOLDS.constancy
@@ -62,7 +62,7 @@ class Misfit:
         return is_sure and self.removed > max(least**2, CONSTANCY.of_left * self.left, CONSTANCY.of_null * self.null)
 
 
-def unexplained_patterns(search: Search, members: tuple[int, ...], lack_of_fit: Iterable[LackOfFit]) -> list[Misfit]:
+def find_patterns(search: ModelSearch, members: tuple[int, ...], lack_of_fit: Iterable[LackOfFit]) -> list[Misfit]:
     """All that stands out of what these members leave. lack_of_fit: of `omnibus.omnibus_test`."""
     asked = (
         Misfit(
@@ -80,30 +80,30 @@ def unexplained_patterns(search: Search, members: tuple[int, ...], lack_of_fit: 
     )
     return [
         m
-        for m in (*misfits(search, members), *asked)
+        for m in (*measure_misfits(search, members), *asked)
         if m.stands_out(
             CONSTANCY.twist
             if m.stage is Stage.TRANSMISSION
-            else visible(search.design.context, m.stage, m.joint, CONSTANCY.torque)
+            else noise_floor(search.design.context, m.stage, m.joint, CONSTANCY.torque)
         )
     ]
 
 
-def misfits(search: Search, members: tuple[int, ...]) -> Iterator[Misfit]:
+def measure_misfits(search: ModelSearch, members: tuple[int, ...]) -> Iterator[Misfit]:
     """The answers of every stage of every joint with enough rows to every question."""
     design = search.design
-    fits = fits_of(search, members)
+    fits = fits_by_joint(search, members)
     for cell in design.cells:
         if cell.at_reversal or cell.stage is Stage.CONTROLLER or cell.used.sum() < CONSTANCY.blocks:
             continue
         ids, fit = fits[cell.joint]
-        left = held_out(cell, ids, fit)
+        left = predict_held_out_residual(cell, ids, fit)
         values = np.zeros(len(design.parameters))
         values[ids] = fit.parameters.mean(axis=0)
         rows = cell.rows
         base = cell.residual[rows] - (cell.residual[rows].mean() if cell.stage is Stage.TRANSMISSION else 0.0)
         for question, columns in _questions(search, cell, members, values):
-            gain, error, after = predicted(design, cell, left, columns)
+            gain, error, after = predict_from_columns(design, cell, left, columns)
             removed = float(np.mean(left[rows] ** 2) - np.mean(after[rows] ** 2))
             if question == "memory":
                 removed -= _feigned(design.context, cell.joint)
@@ -119,19 +119,19 @@ def misfits(search: Search, members: tuple[int, ...]) -> Iterator[Misfit]:
             )
 
 
-def joints_with_play(search: Search, members: tuple[int, ...]) -> set[int]:
+def joints_with_play(search: ModelSearch, members: tuple[int, ...]) -> set[int]:
     """Joints whose gears have play, by these members."""
     chosen = (search.design.candidates[m] for m in members)
     return {c.place for c in chosen if c.effect.id == PLAY}
 
 
-def slipped(search: Search, members: tuple[int, ...]) -> set[int]:
+def find_slipped_encoders(search: ModelSearch, members: tuple[int, ...]) -> set[int]:
     """Joints whose two encoders jump apart once and for good: a disc has slipped on its shaft."""
-    found, fits, samples = set(), fits_of(search, members), search.design.context.samples
+    found, fits, samples = set(), fits_by_joint(search, members), search.design.context.samples
     for cell in search.design.cells:
         if cell.stage is Stage.TRANSMISSION and cell.used.sum() >= CONSTANCY.blocks:
             ids, fit = fits[cell.joint]
-            columns, at = places(cell, ids)
+            columns, at = parameter_indices(cell, ids)
             left = cell.residual - cell.matrix[:, columns] @ fit.parameters.mean(axis=0)[at]
             if _has_slipped(left, samples.time, samples.trajectory):
                 found.add(cell.joint)
@@ -163,7 +163,7 @@ def _has_slipped(left: np.ndarray, time: np.ndarray, trajectory: np.ndarray) -> 
 
 
 def _questions(
-    search: Search, cell: Cell, members: tuple[int, ...], values: np.ndarray
+    search: ModelSearch, cell: ResidualCell, members: tuple[int, ...], values: np.ndarray
 ) -> Iterator[tuple[str, np.ndarray]]:
     """(name, columns (n, count)) of the questions to a cell."""
     context, j = search.design.context, cell.joint
@@ -176,7 +176,7 @@ def _questions(
             shown.append((cell.matrix[:, at] @ values[cell.ids[at]], place))
             names.append(candidate.effect.id)
     if shown and (cell.stage is not Stage.DYNAMICS or DRIFT not in names):
-        elapsed = when(context, cell)
+        elapsed = normalised_time(context, cell)
         yield "size", np.column_stack([c * elapsed**power for c, _ in shown for power in (1, 2)])
     if cell.stage is Stage.DYNAMICS:
         s = context.samples
@@ -194,7 +194,7 @@ def _questions(
         yield "twist", _twist(context, j)
 
 
-def when(context: Context, cell: Cell) -> np.ndarray:
+def normalised_time(context: Context, cell: ResidualCell) -> np.ndarray:
     """Time (n,) of a cell's rows, -1..1 from the beginning of the first recording to the end of the last (`Context.begins`)."""
     source = context.drive if cell.stage in (Stage.CONTROLLER, Stage.DRIVE) else context.samples
     time = source.time + context.begins[source.trajectory]
@@ -206,7 +206,7 @@ def _feigned(context: Context, joint: int) -> float:
     tell it from motion. As in `omnibus`, known of recordings without commands."""
     if context.drive is not None:
         return 0.0
-    inertia = felt_inertia(context.arm, np.median(context.samples.position, axis=0))[joint]
+    inertia = drive_inertia(context.arm, np.median(context.samples.position, axis=0))[joint]
     return float(inertia * context.samples.shaking[joint]) ** 2
 
 

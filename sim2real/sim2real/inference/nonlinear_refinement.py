@@ -11,19 +11,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sim2real.effects.regressor import EffectRegressor
-from sim2real.inference.design import Design
-from sim2real.inference.estimates import settled, with_effect
-from sim2real.inference.search import Model, Search
+from sim2real.inference.estimates import refine_nonlinear_parameter, replace_regressor
+from sim2real.inference.regression import RegressionProblem
+from sim2real.inference.search import ModelSearch, ScoredModel
 from sim2real.thresholds import THRESHOLDS
 
 
-def settle_shapes(search: Search, chosen: Model) -> tuple[Search, Model]:
+def refine_nonlinear_parameters(search: ModelSearch, chosen: ScoredModel) -> tuple[ModelSearch, ScoredModel]:
     """A search with the chosen model's shapes at their greatest likelihood, and the model that it chooses.
 
     Shapes are settled one after the other, that of the effect which says most alone first, each in a model with those
     before it only: together with an effect that takes up its misfit, it would settle where that effect is kept.
     """
-    shaped = [m for m in chosen.members if search.design.candidates[m].effect.shape is not None]
+    shaped = [m for m in chosen.members if search.design.candidates[m].effect.nonlinear is not None]
     if len(shaped) > 1:
         alone = {m: _settled(search, (), m) for m in shaped}
         shaped.sort(key=lambda m: -alone[m].value(alone[m].model((m,))))
@@ -37,22 +37,22 @@ def settle_shapes(search: Search, chosen: Model) -> tuple[Search, Model]:
     for members, model in search.tried.items():
         if search.value(model) > least:
             trial.model(members)
-    return trial, trial.pruned(trial.model(chosen.members))
+    return trial, trial.prune(trial.model(chosen.members))
 
 
-def _settled(search: Search, beside: tuple[int, ...], member: int) -> Search:
+def _settled(search: ModelSearch, beside: tuple[int, ...], member: int) -> ModelSearch:
     """The search with the shape of one candidate settled beside these others; as it is where that is its own."""
-    effect = settled(search, search.model((*beside, member)), member)
+    effect = refine_nonlinear_parameter(search, search.model((*beside, member)), member)
     candidate = search.design.candidates[member]
     if effect is candidate.effect:
         return search
-    return search.on(_replaced(search.design, member, effect), member)
+    return search.with_regression(_replaced(search.design, member, effect), member)
 
 
-def _replaced(design: Design, member: int, effect: EffectRegressor) -> Design:
+def _replaced(design: RegressionProblem, member: int, effect: EffectRegressor) -> RegressionProblem:
     """The design with another effect, of the same parameters, in the place of a candidate's."""
     candidate = design.candidates[member]
     candidates = list(design.candidates)
     candidates[member] = replace(candidate, effect=effect)
-    cells = tuple(with_effect(design, list(design.cells), candidate, effect))
+    cells = tuple(replace_regressor(design, list(design.cells), candidate, effect))
     return replace(design, cells=cells, candidates=tuple(candidates))
