@@ -212,7 +212,7 @@ def test_intervals_cover_under_coloured_noise(clean):
             times=lambda s: (np.zeros(1200, int), np.arange(1200.0)),
             rows=lambda s, j, at_reversal: np.ones(1200, bool),
             residual=lambda s, j, i=i: 0.4 * column[:, 0] + noise[:, i],
-            change=lambda s, j, rows, matrix, residual, at_reversal: (matrix, residual),
+            project_out_reference=lambda s, j, rows, matrix, residual, at_reversal: (matrix, residual),
         )
         cell = make_cell(stage, Stage.DRIVE, 0, np.arange(1), column, blocks, parameters)
         found = fit_parameters([cell], [cell.test], [cell.test_rows], np.arange(1), parameters)

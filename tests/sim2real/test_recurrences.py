@@ -256,7 +256,7 @@ def make(seed, count=900):
         times=lambda s: (trajectory, time),
         rows=lambda s, j, at_reversal: rows,
         residual=lambda s, j: residual,
-        change=lambda s, j, rows, matrix, residual, at_reversal: (matrix, residual),
+        project_out_reference=lambda s, j, rows, matrix, residual, at_reversal: (matrix, residual),
     )
     whiten = np.array([0.4, -0.2])
     parameters = [Parameter("p", "1", -9.0, 9.0, 1.0)] * 3
