@@ -20,7 +20,7 @@ from np_diagnosis.commands.excite import make_graph
 from np_diagnosis.nodes.excite_node import Exciter
 from np_record.bag import Recording
 from np_ros import qos
-from np_ros.client.participant import GraphError
+from np_ros.client.supervised_client import GraphError
 from np_ros.messages import joint_state_message
 from np_ros.phases import phase_state
 from np_ros.qos import publisher

@@ -11,7 +11,7 @@ from packages import packages_of, sources
 
 from np_bringup.task_graph import task_graph
 from np_common.intervals import wilson_interval
-from np_description.objects.choice import portable, recorded_domain
+from np_description.objects.choice import embed_object_text, read_domain
 from np_evaluation import run_episodes as playing
 from np_evaluation.commands import demo
 from np_evaluation.commands import evaluate as command
@@ -243,14 +243,14 @@ def test_a_file_of_an_object_is_read_once_and_goes_to_every_node_that_knows_size
     path = tmp_path / "tea.yaml"
     path.write_text("{name: tea, domain: card, size: [0.06, 0.07, 0.006], mass: 0.012, surface: paper}")
     options = command.parse(["--object", str(path)])
-    assert options.object == demo.parse(["--object", str(path)]).object == portable("card", str(path))
+    assert options.object == demo.parse(["--object", str(path)]).object == embed_object_text("card", str(path))
     path.unlink()
     graph = {node.name: node.parameters for node in task_graph({"object": options.object, "bag": "b", "scenario": "2"})}
     told = {name for name, parameters in graph.items() if parameters.get("object") == options.object}
     assert told == {"sim_bridge", "pre_contact", "approach", "post_contact", "episode"}
     assert graph["sim_bridge"]["scenario"] == 2
     kept = json.loads(graph["recorder"]["run_info"])
-    assert recorded_domain(kept).half_size == (0.03, 0.035, 0.003)
+    assert read_domain(kept).half_size == (0.03, 0.035, 0.003)
 
 
 @pytest.mark.parametrize("tool", (command, demo), ids=("evaluate", "demo"))

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from np_description.camera import CAMERA
-from np_description.contact.depths import Tally
+from np_description.contact.depths import DepthHistogram
 from np_description.domains import BUMP
 from np_training import evaluate as command
 from np_training.environment.environment import Environment, EnvironmentConfig
@@ -37,7 +37,7 @@ def make_episodes(modes: list[str], over: float = 0.0) -> Episodes:
         np.zeros(n),
         np.full((2, n, 7), over),
         np.full((3, n, 7), 0.5),
-        Tally(),
+        DepthHistogram(),
         np.linspace(0.0, 1.0, n),
         {"tips0": np.arange(n) % 2 == 0, "tips1": np.arange(n) % 2 == 1},
         np.zeros((n, 7)),

@@ -18,7 +18,7 @@ from sim2real.task.keypoint_track import KeypointTrack
 from sim2real.task.suite.recording import TaskRecording, spans_of
 from sim2real.thresholds import THRESHOLDS
 
-from np_control.controller import Answer, Controller
+from np_control.controller import Controller, ControllerOutput
 from np_control.impedance import damping
 from np_control.safety import LIMITS, SafetyFilter
 from np_description.camera import CAMERA
@@ -26,7 +26,7 @@ from np_description.domains import Domain, Pose
 from np_description.engine import MakeEngine
 from np_description.panda import JOINT_NAMES
 from np_description.phases import EXCITE, PhaseState
-from np_perception.seen_corners import SeenCorners
+from np_perception.occluded_keypoints import OccludedKeypointBuffer
 from np_sim_bridge.schedule import PERIOD, Schedule
 from np_sim_bridge.simulation import Simulation
 
@@ -50,7 +50,7 @@ class PlainCamera:
 
     def __init__(self, half: np.ndarray, patch: Patch, seed: int):
         self._view, self._rng = CameraEffects(patch, CAMERA, seed), np.random.default_rng([seed, 6])
-        self._corners = SeenCorners(half, self._view.oldest)
+        self._corners = OccludedKeypointBuffer(half, self._view.oldest)
 
     def look(self, stamp: int, pose: Pose, q: np.ndarray, is_due: bool) -> Images:
         """Of the state at `stamp` ns, later than any before: the object's pose, joints (7,) rad, and whether an image is to have that stamp.
@@ -70,7 +70,7 @@ class _Kept:
     joints: list[np.ndarray] = field(default_factory=list)
     images: list[tuple[int, np.ndarray]] = field(default_factory=list)
     phases: list[tuple[int, str]] = field(default_factory=list)
-    answers: list[Answer] = field(default_factory=list)
+    answers: list[ControllerOutput] = field(default_factory=list)
     gains: list[np.ndarray] = field(default_factory=list)
 
 

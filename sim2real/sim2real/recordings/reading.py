@@ -14,7 +14,7 @@ import numpy as np
 from np_control.impedance import STIFFNESS_MAX, damping
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_record.bag import BagError, Recording
-from np_record.bulk import BulkError, decoded, joint_states
+from np_record.bulk import BulkError, decode_message, joint_states
 from np_record.recorded_phases import PHASE_TOPICS, phase_changes
 from sim2real.recordings.signals import Commands, Log
 from sim2real.thresholds import THRESHOLDS
@@ -110,7 +110,7 @@ def _of_joints(name: str, topic: str, messages, joints: Sequence[str]) -> tuple[
     stamp, values = joint_states(name, topic, messages, None)
     if not messages:
         return stamp, np.zeros((0, 3, len(joints)))
-    named = list(decoded(f"{name}: {topic}", messages[0]).name)
+    named = list(decode_message(f"{name}: {topic}", messages[0]).name)
     missing = [joint for joint in joints if joint not in named]
     if missing:
         raise ContractViolation(f"{name}: {topic}: expected joints {', '.join(missing)}, got {', '.join(named)}")
@@ -119,7 +119,7 @@ def _of_joints(name: str, topic: str, messages, joints: Sequence[str]) -> tuple[
 
 def _gains(name: str, message, joints: int) -> tuple[int, np.ndarray]:
     """(stamp ns, rows stiffness and damping ratio (2, k))."""
-    numbers = np.asarray(decoded(f"{name}: target_gains", message).data, dtype=float)
+    numbers = np.asarray(decode_message(f"{name}: target_gains", message).data, dtype=float)
     if numbers.size != 2 * joints:
         raise ContractViolation(f"{name}: target_gains: expected 2 times {joints} numbers, got {numbers.size}")
     return message.stamp, numbers.reshape(2, joints)

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
-from np_description.contact.depths import Tally
+from np_description.contact.depths import DepthHistogram
 from np_description.objects.scenarios import fixed_task
 from np_description.panda import NOMINAL
 from np_description.scene import SUPPORT_SHARE
-from np_policy.action import TIGHT
+from np_policy.action import RESIDUAL_LIMITS_FINAL
 from np_training.environment import contact
 from np_training.environment.environment import Environment, as_seen, pre_contact_state
 from np_training.physics.batched import ARM
@@ -46,7 +46,7 @@ class Episodes:
     angle: np.ndarray
     over: np.ndarray
     shares: np.ndarray
-    depths: Tally
+    depths: DepthHistogram
     hidden: np.ndarray
     groups: dict[str, np.ndarray]
     goals: np.ndarray
@@ -71,7 +71,7 @@ def concatenate(parts: list[Episodes]) -> Episodes:
         *(join(name) for name in ("mode", "length", "distance", "angle")),
         join("over", 1),
         join("shares", 1),
-        Tally.joined(part.depths for part in parts),
+        DepthHistogram.joined(part.depths for part in parts),
         join("hidden"),
         groups,
         join("goals"),
@@ -100,7 +100,7 @@ def run_episodes(
         env.generator.manual_seed(seed)
         torch.manual_seed(seed)
     env.config = dataclasses.replace(env.config, conditions=conditions or env.config.conditions)
-    env.limits = TIGHT
+    env.limits = RESIDUAL_LIMITS_FINAL
     one = torch.ones(worlds, device=device)
     # What an earlier run may have left.
     env.physics.varied.resize(everyone, one)
@@ -121,7 +121,7 @@ def run_episodes(
     mode = torch.full((worlds,), MODES.index("timeout"), device=device)
     length, distance, angle, hidden = (torch.zeros(worlds, device=device) for _ in range(4))
     over = torch.zeros(2, worlds, 7, device=device)
-    shares, tally = torch.zeros(3, worlds, 7, device=device), Tally()
+    shares, tally = torch.zeros(3, worlds, 7, device=device), DepthHistogram()
     lower, upper = (torch.tensor(list(end)).to(over) for end in (NOMINAL.position_lower, NOMINAL.position_upper))
     frames = [env.physics.qpos.clone()] if record else []
     for _ in range(env.config.limit):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import torch
 
-from np_description.objects.choice import choice_of
+from np_description.objects.choice import object_reference
 from np_policy.action import STIFFNESS
 from np_training.environment.environment import Environment
 from np_training.environment.fixed_contact import FixedContact
@@ -66,7 +66,7 @@ class Trainer:
         env = self.environment
         return {
             "domain": env.domain.name,
-            "object": choice_of(env.domain),
+            "object": object_reference(env.domain),
             "start": self.config.start,
             "controller": env.config.physics.controller,
             "limit": env.config.limit,

@@ -27,15 +27,15 @@ from np_description.phases import FAULT, POST, PRE, PhaseState
 from np_evaluation.corrections import CorrectedDriver, CorrectedView, corrections
 from np_evaluation.keypoint_projector import DetectorEyes
 from np_evaluation.scoring import Result, engine_version, result_of
+from np_perception.occluded_keypoints import OccludedKeypointBuffer
 from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints
-from np_perception.seen_corners import SeenCorners
 from np_planning.approach import plan_approach
 from np_planning.collision import CollisionModel
 from np_planning.rrt import PlanningError
 from np_policy.action import PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, weights_file
 from np_policy.episode import SECOND, Episode, EpisodeConfig, Event
-from np_policy.policy import PostContactController, PreContactPlanner
+from np_policy.policy import PostContactPolicy, PreContactPolicy
 from np_record.outcome import score
 from np_sim_bridge.simulation import Simulation
 
@@ -76,8 +76,8 @@ class OneProcess:
         self._engine, self._force_reflex = engine_called(engine), force_reflex
         self._engine_named = {"engine": engine, "engine_version": engine_version(engine)}
         chosen_for = find_domain(domain.name) if alone else domain
-        self._pre = PreContactPlanner(weights_file(PRE_CONTACT, domain, weights), chosen_for)
-        self._post = PostContactController(weights_file(POST_CONTACT, domain, weights), domain)
+        self._pre = PreContactPolicy(weights_file(PRE_CONTACT, domain, weights), chosen_for)
+        self._post = PostContactPolicy(weights_file(POST_CONTACT, domain, weights), domain)
         self._images = DetectorEyes(domain, patch, seed, weights) if keypoints == "camera" else None
         self._collision = CollisionModel(domain)
 
@@ -190,7 +190,7 @@ class Eyes:
     def __init__(self, domain: Domain, patch: Patch, seed: int):
         self._domain = domain
         self._view = CameraEffects(patch, CAMERA, seed) if patch.camera.effects else None
-        self._corners = SeenCorners(np.asarray(domain.half_size), self._view.oldest if self._view else 0.0)
+        self._corners = OccludedKeypointBuffer(np.asarray(domain.half_size), self._view.oldest if self._view else 0.0)
         self._pose, self._next = None, 0
 
     def look(self, arm: Simulation) -> None:

@@ -13,7 +13,7 @@ from np_description.domains import Domain
 from np_perception.detector import KeypointDetector
 from np_sim_bridge.renderer import Renderer, make_renderer
 from np_sim_bridge.simulation import Simulation
-from np_sim_bridge.view import View
+from np_sim_bridge.view import SceneView
 
 
 class DetectorEyes:
@@ -31,7 +31,7 @@ class DetectorEyes:
 
     def begin(self) -> None:
         """An episode begins."""
-        self._view = View(CameraEffects(self._patch, CAMERA, self._seed))
+        self._view = SceneView(CameraEffects(self._patch, CAMERA, self._seed))
 
     def look(self, arm: Simulation) -> None:
         """Once a control period: remember the scene where an image may show it later."""

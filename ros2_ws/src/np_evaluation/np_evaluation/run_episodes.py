@@ -64,7 +64,7 @@ def play_part(request: Request, numbers: range, part: Path) -> None:
 
 def _run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
     """One episode, and whether the graph is still whole."""
-    from np_ros.client.participant import GraphError
+    from np_ros.client.supervised_client import GraphError
 
     began = time.monotonic()
     try:

@@ -11,7 +11,7 @@ from np_control.kinematics import forward_kinematics
 from np_control.safety import tip_force
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain
-from np_perception.pose_estimation import MIN_POINTS, PoseError, estimate_pose, usable
+from np_perception.pose_estimation import MIN_POINTS, PoseError, estimate_pose, usable_keypoints
 from sim2real.excitation.contact_suite.suite import SuiteState
 from sim2real.excitation.contact_suite.tip import lowest_corner
 
@@ -59,7 +59,7 @@ class SuiteMonitor:
         """Of an arm that rests at joints (7,) rad; the tip's lowest height is counted anew from here. Raises OutOfPicture where
         too few corners are seen, ValueError where no pose explains them."""
         rows = np.array([keypoints for _, keypoints in self._images])
-        good = np.array([usable(keypoints, SCORE) for keypoints in rows])
+        good = np.array([usable_keypoints(keypoints, SCORE) for keypoints in rows])
         kept = good.mean(axis=0) > 0.5
         if kept.sum() < MIN_POINTS:
             raise OutOfPicture(f"{kept.sum()} of 8 corners are seen; {MIN_POINTS} are needed")

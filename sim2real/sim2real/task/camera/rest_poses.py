@@ -65,13 +65,13 @@ def read_rest_poses(
     poses of `object_pose`, where it has them. Raises ContractViolation.
     """
     from np_description.message_arrays import BadMessage, pose_arrays
-    from np_description.objects.choice import recorded_domain
+    from np_description.objects.choice import read_domain
     from np_record.bag import BagError, Recording  # slow
 
     name, track = f"bag {path}", track or read_keypoint_track(path)
     try:
         with Recording(path, required=("keypoints",)) as recording:
-            domain, used = recorded_domain(recording.information), recording.information.get("calibration", "")
+            domain, used = read_domain(recording.information), recording.information.get("calibration", "")
             first = recording.rows("keypoints")["keypoints"][0].stamp
             rows = recording.rows("object_pose").get("object_pose", ()) if measured else ()
             poses = [(m.stamp, *pose_arrays(m.decode(), BASE_FRAME)) for m in rows]

@@ -14,7 +14,7 @@ from sim2real.thresholds import THRESHOLDS
 
 from np_common.cli import INTERRUPTED, Parser, Progress, interrupt_on_sigterm, new_folder
 from np_description.calibration import CalibrationError, calibrated_camera
-from np_description.objects.choice import domain_with, portable
+from np_description.objects.choice import domain_with, embed_object_text
 from np_description.weights.provenance import origin
 from np_ros.processes.graph import NodeSpec
 from np_ros.processes.supervisor import NodeDied, Supervisor
@@ -141,7 +141,7 @@ def excite(options: argparse.Namespace) -> dict:
     if is_task:
         scene = {
             "domain": options.domain,
-            "object": portable(options.domain, options.object),
+            "object": embed_object_text(options.domain, options.object),
             "seed": options.seed,
             "calibration": options.calibration,
         }
@@ -211,7 +211,7 @@ def _what_is_there(out: Path) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
     options = parse(arguments)
-    from np_ros.client.participant import GraphError
+    from np_ros.client.supervised_client import GraphError
 
     interrupt_on_sigterm()
     try:

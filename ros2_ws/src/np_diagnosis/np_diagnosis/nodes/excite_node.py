@@ -27,7 +27,7 @@ from np_description.message_arrays import BadMessage, joint_state_arrays, keypoi
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, IDLE, PhaseState
 from np_ros import qos
-from np_ros.client.participant import GraphError, Participant
+from np_ros.client.supervised_client import GraphError, SupervisedGraphClient
 from np_ros.messages import gains_message, trajectory_message
 from np_ros.phases import PhasePublisher
 from np_ros.processes.supervisor import Supervisor
@@ -42,7 +42,7 @@ FAREWELL = 1.0  # s at most, until everyone has the last phase
 PASSING = ("refused_late", "refused_order", "refused_future")
 
 
-class Exciter(Participant):
+class Exciter(SupervisedGraphClient):
     """Runs a plan on the graph of a supervisor, which watches the processes that it has started.
 
     lockstep: whether time waits for our ticks. on_segment(name, number, count) is told each start.

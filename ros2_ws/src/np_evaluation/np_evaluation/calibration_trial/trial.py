@@ -19,7 +19,7 @@ from np_description.panda import NOMINAL
 from np_evaluation.calibration_trial.board_recording import record_rests
 from np_evaluation.calibration_trial.board_scene import BoardScene, hand_mount, table_mount
 from np_perception.calibration.board import Board
-from np_perception.calibration.evidence import CalibrationRefused, read_evidence
+from np_perception.calibration.evidence import CalibrationRefusal, read_calibration_data
 from np_perception.calibration.fitting import calibrate
 from np_perception.pose_estimation import estimate_pose
 
@@ -119,7 +119,7 @@ def one(number: int, arm: Arm, seed: int, views: int, folder: Path) -> tuple[lis
         touched = record_rests(folder / f"{arm.name}_{number}_touched", scene, reported, touching)
     now, results, kept = datetime.now(UTC), [], None
     for method, arguments in (
-        ("hand", dict(table=read_evidence(lying, board))),
+        ("hand", dict(table=read_calibration_data(lying, board))),
         ("touched", dict(touched=TOUCHED)),
     ):
         row: dict[str, object] = {
@@ -129,10 +129,10 @@ def one(number: int, arm: Arm, seed: int, views: int, folder: Path) -> tuple[lis
             "displaced_mm": 1e3 * float(np.linalg.norm(position - CAMERA.position)),
             "displaced_deg": _degrees(rotation, np.asarray(CAMERA.rotation)),
         }
-        evidence = read_evidence(held if method == "hand" else touched, board)
+        evidence = read_calibration_data(held if method == "hand" else touched, board)
         try:
             result = calibrate(evidence, board, now, **arguments)
-        except CalibrationRefused as error:
+        except CalibrationRefusal as error:
             results.append({**row, "refused": str(error)})
             continue
         calibration, errors = result.calibration, result.calibration.errors

@@ -52,7 +52,7 @@ def work_in_real_time(specs: list[NodeSpec], seconds: float, logs: Path) -> dict
     """Episodes for so many seconds on a graph with a round_trip; what that says, episodes, stops by the guards, and
     `cores`: how much of a core each process used."""
     from np_evaluation.nodes.episode_runner_node import Conductor
-    from np_ros.client.participant import GraphError
+    from np_ros.client.supervised_client import GraphError
 
     episodes = stops = 0
     with Supervisor(logs) as supervisor:
@@ -134,7 +134,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("runs/bench"), help="folder for logs; a number is appended")
     options = parser.parse_args(arguments)
     from np_evaluation import bench_figures as figures
-    from np_ros.client.participant import GraphError
+    from np_ros.client.supervised_client import GraphError
 
     interrupt_on_sigterm()
     logs = new_folder(options.out)

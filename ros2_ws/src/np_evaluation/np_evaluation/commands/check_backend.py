@@ -30,7 +30,7 @@ def main(args: list[str] | None = None) -> int:
     """Entry point of the executable `check_backend`; 0 where every check was kept, 1 where one was not, 2 where none could be put."""
     options = parser().parse_args(args)
     from np_evaluation.conformance.judging import NotJudged, Verdict, judge
-    from np_ros.client.peer import Peer
+    from np_ros.client.graph_client import GraphClient
 
     def tell(verdict: Verdict) -> None:
         took = f" ({verdict.seconds:.1f} s)" if verdict.was_asked else ""
@@ -38,7 +38,7 @@ def main(args: list[str] | None = None) -> int:
 
     print(WARNING, file=sys.stderr)
     began = time.monotonic()
-    with closing(Peer("check_backend", limit=options.limit)) as peer:
+    with closing(GraphClient("check_backend", limit=options.limit)) as peer:
         try:
             verdicts = judge(peer, options.node, options.mode, tell)
         except NotJudged as error:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from np_bringup.backends import SIMULATED
 from np_bringup.task_graph import task_graph
-from np_description.objects.choice import recorded_domain
+from np_description.objects.choice import read_domain
 from np_evaluation.nodes.episode_runner_node import Conductor
 from np_ros.processes.supervisor import Supervisor
 
@@ -20,7 +20,7 @@ def running_graph(arguments: Mapping[str, str], logs: Path, **callbacks) -> Iter
     callbacks as for Conductor. Raises what Supervisor.start and Conductor.wait_until_ready raise.
     """
     specs = task_graph(arguments)
-    domain = recorded_domain(arguments)
+    domain = read_domain(arguments)
     lockstep = arguments.get("mode", "lockstep") == "lockstep"
     with Supervisor(logs) as supervisor:
         supervisor.start(specs)

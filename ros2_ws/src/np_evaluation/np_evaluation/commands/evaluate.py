@@ -13,7 +13,7 @@ from np_bringup.backends import ENGINES
 from np_common.cli import Parser, Progress
 from np_common.parallel import workers
 from np_description.domains import DOMAINS, find_domain
-from np_description.objects.choice import DEFAULT, portable
+from np_description.objects.choice import DEFAULT, embed_object_text
 from np_description.objects.scenarios import COUNT
 from np_description.weights.provenance import origin
 from np_evaluation.commands.episodes_asked import add_options, check_options, concluded
@@ -44,7 +44,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     check_options(parser, options, ("episodes",))
     try:
-        options.object = portable(options.domain, options.object)
+        options.object = embed_object_text(options.domain, options.object)
     except ValueError as error:
         parser.error(str(error))
     if options.cluster:  # its workers were started elsewhere

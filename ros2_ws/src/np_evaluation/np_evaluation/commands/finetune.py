@@ -19,7 +19,7 @@ from sim2real.effects.patch import Patch, load_patch
 from np_common.cli import INTERRUPTED, Parser, interrupt_on_sigterm
 from np_common.parallel import SINGLE_THREAD, workers
 from np_description.domains import DOMAINS
-from np_description.objects.choice import DEFAULT, portable
+from np_description.objects.choice import DEFAULT, embed_object_text
 from np_evaluation.finetune.learning import Learning, gpus
 from np_evaluation.finetune.playing import Cell, text_of
 from np_evaluation.finetune.stages import Rehearsal, check_episodes, diagnosed, rehearse
@@ -72,7 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
         robot = Cell(
             options.domain,
             weights=str(Path(options.weights).resolve()) if options.weights else "",
-            object=portable(options.domain, options.object),
+            object=embed_object_text(options.domain, options.object),
             seed=options.seed,
             contacts=options.contacts,
         )

@@ -93,7 +93,7 @@ def episodes(run: Run, options: argparse.Namespace, out: Path) -> None:
     """Run them. Raises NodeDied, GraphError, TimeoutError, OSError."""
     from np_evaluation.commands.common import running_graph
     from np_evaluation.endurance.resources import use_of
-    from np_ros.client.participant import GraphError
+    from np_ros.client.supervised_client import GraphError
 
     limit = 3600 * options.hours if options.hours else float("inf")
     progress = Progress(round(limit) if options.hours else options.episodes, "soak")
@@ -127,7 +127,7 @@ def main(arguments: list[str] | None = None) -> int:
         parser().error(f"--episodes: expected at least {WARM + 10}, got {options.episodes}")
     if options.hours is not None and not options.hours > 0:
         parser().error(f"--hours: expected more than 0, got {options.hours:g}")
-    from np_ros.client.participant import GraphError
+    from np_ros.client.supervised_client import GraphError
     from np_ros.processes.supervisor import NodeDied
 
     interrupt_on_sigterm()

@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from np_description.message_arrays import stamp_nanoseconds
 from np_evaluation.conformance.commands import EFFORTS, Command, Commands
 from np_ros import qos
-from np_ros.client.peer import Peer
+from np_ros.client.graph_client import GraphClient
 
 
 class Broken(AssertionError):
@@ -50,7 +50,7 @@ class Harness:
     `message` the newest of the backend's diagnostics, `said` the watchdog's state in each of them.
     """
 
-    def __init__(self, peer: Peer, backend: Judged):
+    def __init__(self, peer: GraphClient, backend: Judged):
         self.peer, self.backend = peer, backend
         self.commands = backend.commands
         self.answer: Callable[[JointState], Command | None] = silent

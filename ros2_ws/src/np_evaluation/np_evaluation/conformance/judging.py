@@ -10,7 +10,7 @@ from np_description.message_arrays import BadMessage
 from np_evaluation.conformance.checks import ANY, CAMERA, CHECKS, PAUSE, REAL_TIME, Check
 from np_evaluation.conformance.commands import EFFORTS, TARGETS
 from np_evaluation.conformance.harness import Harness, Judged
-from np_ros.client.peer import Peer
+from np_ros.client.graph_client import GraphClient
 
 
 class NotJudged(RuntimeError):
@@ -32,7 +32,7 @@ class Verdict:
         return ("FAIL" if self.text else "ok") if self.was_asked else "-"
 
 
-def look_at(peer: Peer, name: str) -> Judged:
+def look_at(peer: GraphClient, name: str) -> Judged:
     """The backend of this name, by its topics and services. Raises NotJudged."""
     node = peer.node
     try:
@@ -58,7 +58,7 @@ def look_at(peer: Peer, name: str) -> Judged:
     )
 
 
-def judge(peer: Peer, name: str, mode: str, tell: Callable[[Verdict], None]) -> list[Verdict]:
+def judge(peer: GraphClient, name: str, mode: str, tell: Callable[[Verdict], None]) -> list[Verdict]:
     """Put every check that applies, telling each as it is done. Raises NotJudged."""
     backend = look_at(peer, name)
     harness = Harness(peer, backend)

@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from np_evaluation.endurance.random_messages import broken, broken_bytes, message_type, random_message
 from np_record.topics import TOPICS, Topic
 from np_ros import qos
-from np_ros.client.peer import Peer
+from np_ros.client.graph_client import GraphClient
 from np_ros.processes.supervisor import NodeDied, Supervisor
 
 BATCH = 20  # messages after which it is looked whether everybody lives
@@ -36,7 +36,7 @@ class Fuzzed:
 class Fuzzer:
     """Sends to a graph of `supervisor` with `peer`; restart(name) starts a node again that has died."""
 
-    def __init__(self, peer: Peer, supervisor: Supervisor, restart: Callable[[str], None], seed: int):
+    def __init__(self, peer: GraphClient, supervisor: Supervisor, restart: Callable[[str], None], seed: int):
         self._peer, self._supervisor, self._restart = peer, supervisor, restart
         self._rng = np.random.default_rng(seed)
         self._samples: dict[str, list[bytes]] = {}

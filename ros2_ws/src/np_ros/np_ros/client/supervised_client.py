@@ -13,8 +13,8 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
-from np_ros.client.interrupts import interrupts_wait
-from np_ros.client.links import Links
+from np_ros.client.connection_status import ConnectionStatus
+from np_ros.client.interrupts import defer_interrupts
 from np_ros.client.services import Services
 from np_ros.low_latency.spin import Spinner
 from np_ros.processes.supervisor import Supervisor
@@ -27,7 +27,7 @@ class GraphError(RuntimeError):
     """The graph did not do what was asked of it; the text says what was asked and what came."""
 
 
-class Participant:
+class SupervisedGraphClient:
     """A node in the ROS domain of `supervisor`, whose processes are watched while it waits."""
 
     def __init__(self, supervisor: Supervisor, name: str):
@@ -41,7 +41,7 @@ class Participant:
         )
         self._node = rclpy.create_node(name, context=self._context)
         self._spinner = Spinner(self._node)
-        self._links = Links(self._node)
+        self._links = ConnectionStatus(self._node)
         self._services = Services(self._node, self._wait)
 
     def __enter__(self):
@@ -90,5 +90,5 @@ class Participant:
         self._supervisor.wait(spun, timeout, what)
 
     def _spin_once(self) -> None:
-        with interrupts_wait():
+        with defer_interrupts():
             self._spinner.spin_once(_SPIN)

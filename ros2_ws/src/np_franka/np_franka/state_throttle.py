@@ -8,7 +8,7 @@ PASSING = (State.MOVING, State.HOLDING)
 TOLD_EVERY = 100_000_000  # ns between two changes from one of them to the other that are told
 
 
-class Telling:
+class StateChangeThrottle:
     """Every change is told at once, but for moving and holding in turn, ten times a second: where commands
     come late all the time, telling it would make more late. A change that comes too early is told as soon as
     its time has come, if it lasts: silence is never told as a stop without the hold that comes before it.

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from np_ros.processes.graph import NodeSpec
 
 
-def answering_nodes(given: Mapping[str, str]) -> dict[str, NodeSpec]:
+def policy_path_nodes(given: Mapping[str, str]) -> dict[str, NodeSpec]:
     """Controller, detector, policies and planner by name, the controller as "controller"; `given`: the launch arguments
     mode, domain, object, calibration, weights and seed."""
     named = {key: given[key] for key in ("mode", "domain")}

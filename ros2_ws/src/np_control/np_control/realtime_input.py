@@ -1,7 +1,7 @@
 """What a controller follows in real time: everything takes effect when it comes, while an episode allows it. No
 ROS.
 
-The counterpart of `np_control.tick_gate.LockstepCommandInput`, for the controller node and for a driver with the
+The counterpart of `np_control.lockstep_input.LockstepCommandInput`, for the controller node and for a driver with the
 controller on board."""
 
 from __future__ import annotations

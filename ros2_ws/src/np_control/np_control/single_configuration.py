@@ -27,7 +27,7 @@ def _frames(panda: PandaModel) -> tuple[tuple[Numbers, Numbers], ...]:
     )
 
 
-def chain_of_one(q: np.ndarray, panda: PandaModel) -> tuple[list[Numbers], list[Numbers]]:
+def joint_frames(q: np.ndarray, panda: PandaModel) -> tuple[list[Numbers], list[Numbers]]:
     """Origins (9 of 3) m and rotations (9 of 9), row by row, of the seven joint frames at joints q (7,) rad, hand and tcp."""
     angles, origins, rotations = q.tolist(), [], []
     px = py = pz = 0.0
@@ -47,9 +47,9 @@ def chain_of_one(q: np.ndarray, panda: PandaModel) -> tuple[list[Numbers], list[
     return origins, rotations
 
 
-def pose_and_jacobian_of_one(q: np.ndarray, panda: PandaModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def pose_and_jacobian(q: np.ndarray, panda: PandaModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Position (3,) m and rotation (3, 3) of T_E at joints q (7,) rad, and its geometric Jacobian (6, 7), linear rows first."""
-    origins, rotations = chain_of_one(q, panda)
+    origins, rotations = joint_frames(q, panda)
     tx, ty, tz = origins[-1]
     columns = []
     for (px, py, pz), (_, _, x, _, _, y, _, _, z) in zip(origins[:7], rotations):

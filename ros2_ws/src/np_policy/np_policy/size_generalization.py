@@ -14,19 +14,21 @@ import numpy as np
 from np_common.rotations import matrix_from_quaternion
 from np_description.domains import Domain
 from np_description.objects.choice import DEFAULT, domain_with
-from np_planning.stand_off import CLEARANCE, gap, like
+from np_planning.stand_off import CLEARANCE, array_like, finger_gap
 
 SAME = 1e-6  # m
 SIZES = "sizes"  # of the metadata of weights that were trained with several
 
 
-def sizes_known(metadata: Mapping[str, str]) -> tuple[float, float]:
+def read_size_range(metadata: Mapping[str, str]) -> tuple[float, float]:
     """From what to what factor of all edges weights know objects, by their metadata."""
     low, high = metadata.get(SIZES, "1 1").split()
     return float(low), float(high)
 
 
-def known_domain(domain: Domain, choice: str = DEFAULT, sizes: tuple[float, float] = (1.0, 1.0)) -> Domain | None:
+def find_trained_domain(
+    domain: Domain, choice: str = DEFAULT, sizes: tuple[float, float] = (1.0, 1.0)
+) -> Domain | None:
     """The domain with the box that weights know, where the object of `domain` has a size that they do not; else None. choice: the object
     that they were trained with, as np_description.objects.choice names it; sizes: from what to what factor of its edges."""
     known = domain_with(domain.name, choice)
@@ -34,20 +36,20 @@ def known_domain(domain: Domain, choice: str = DEFAULT, sizes: tuple[float, floa
     return None if np.allclose(nearest, domain.half_size, rtol=0, atol=SAME) else known
 
 
-def known_in_place(domain: Domain, known: Domain, position, quaternion):
+def canonical_object_position(domain: Domain, known: Domain, position, quaternion):
     """Where (..., 3) m the centre of the known box is in place of the object: turned the same, its lowest point as high."""
-    larger = like(np.subtract(known.half_size, domain.half_size), position)
+    larger = array_like(np.subtract(known.half_size, domain.half_size), position)
     higher = (abs(matrix_from_quaternion(quaternion)[..., 2, :]) * larger).sum(-1)
-    return position + higher[..., None] * like((0.0, 0.0, 1.0), position)
+    return position + higher[..., None] * array_like((0.0, 0.0, 1.0), position)
 
 
-def carried_over(domain: Domain, known: Domain, position, quaternion, hand, rotation, opening):
+def transfer_contact_position(domain: Domain, known: Domain, position, quaternion, hand, rotation, opening):
     """Where (..., 3) m T_E goes before the object at position and quaternion, chosen at `hand`, with that rotation and opening (...) m
     of each finger, for the known box in its place."""
     turn = matrix_from_quaternion(quaternion)
-    local = ((hand - known_in_place(domain, known, position, quaternion))[..., None] * turn).sum(-2)
-    scaled = position + (turn * (local * like(np.divide(domain.half_size, known.half_size), local))[..., None, :]).sum(
-        -1
-    )
-    apart, normal = gap(domain, position, quaternion, scaled, rotation, opening)
+    local = ((hand - canonical_object_position(domain, known, position, quaternion))[..., None] * turn).sum(-2)
+    scaled = position + (
+        turn * (local * array_like(np.divide(domain.half_size, known.half_size), local))[..., None, :]
+    ).sum(-1)
+    apart, normal = finger_gap(domain, position, quaternion, scaled, rotation, opening)
     return scaled + (CLEARANCE - apart)[..., None] * normal

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from np_ros import qos
 
 
-class Unwaited(CallbackGroup):
+class PolledCallbackGroup(CallbackGroup):
     """A group whose members are never ready: neither rclpy's executor nor `np_ros.low_latency.spin` waits for them."""
 
     def can_execute(self, entity: object) -> bool:
@@ -28,12 +28,12 @@ class Unwaited(CallbackGroup):
         """Nothing has begun."""
 
 
-class Newest:
+class LatestMessage:
     """The newest message of a topic in real time, as bytes."""
 
     def __init__(self, node: Node, kind: type, topic: str) -> None:
         self._subscription = node.create_subscription(
-            kind, topic, lambda data: None, qos.REALTIME_SUBSCRIBER, callback_group=Unwaited(), raw=True
+            kind, topic, lambda data: None, qos.REALTIME_SUBSCRIBER, callback_group=PolledCallbackGroup(), raw=True
         )
 
     def take(self) -> bytes | None:

@@ -9,7 +9,7 @@ from threading import Thread
 TIMEOUT = 1.5  # s for the other thread: libfranka gives a robot up after 1 s, and its own words are the better ones
 
 
-class Turnstile:
+class CallbackLoopAdapter:
     """Runs `loop` in a thread of its own; at any time one of the two threads waits for the other.
 
     loop: is given a callback from (state, duration) to torques, and calls it until the motion is over. However

@@ -12,12 +12,12 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
 from np_ros import qos as profiles
-from np_ros.client.interrupts import interrupts_wait
+from np_ros.client.interrupts import defer_interrupts
 from np_ros.client.services import Services
 from np_ros.low_latency.spin import Spinner
 
 
-class Peer:
+class GraphClient:
     """A node of this process in a ROS domain, that of ROS_DOMAIN_ID unless given; `limit` s is how long it waits.
 
     `messages[topic]` holds what was received, oldest first. End it with `close`.
@@ -77,7 +77,7 @@ class Peer:
 
     def spin_once(self, timeout: float = 0.05) -> None:
         """Wait up to `timeout` s and run the callbacks that are ready."""
-        with interrupts_wait():
+        with defer_interrupts():
             self._spinner.spin_once(timeout)
 
     def wait_until(

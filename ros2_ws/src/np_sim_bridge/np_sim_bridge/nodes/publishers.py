@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
 
-from np_control.safety import Applied
+from np_control.safety import AppliedCommand
 from np_description.camera import Camera
 from np_description.domains import Pose
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
@@ -32,7 +32,7 @@ from np_sim_bridge.simulation import Measurement
 ARRIVED_WITHIN = 2 * SECOND  # ns that time goes on without a moment at which all that was published had arrived
 
 
-class Outlet:
+class BridgePublishers:
     """The topics that go out of a bridge `node`.
 
     camera: as it is believed to be; joined: called in lockstep where somebody begins to listen, for whoever joins while time
@@ -104,7 +104,7 @@ class Outlet:
         for publisher, message in [*self._state, *(images if of == stamp else [])]:
             publisher.publish(message)
 
-    def applied(self, stamp: int, applied: Applied) -> None:
+    def applied(self, stamp: int, applied: AppliedCommand) -> None:
         """The command that acted on the state of `stamp`."""
         self._applied.publish(
             joint_state_message(stamp, JOINT_NAMES, applied.position, applied.velocity, applied.torque)

@@ -10,7 +10,7 @@ from np_ros import qos
 from np_ros.node import SUBSCRIBERS
 
 
-def are_all(node: Node, topic: str, found: int) -> bool:
+def has_all_subscribers(node: Node, topic: str, found: int) -> bool:
     """Whether the subscribers that a publisher of `topic` has found, so many, are all who can hear it, as far as `node` knows.
 
     One that asks for more than is offered (what is latched, of what is not) is never found and hears nothing.
@@ -23,7 +23,7 @@ def are_all(node: Node, topic: str, found: int) -> bool:
     return bool(offered) and found >= len(asked) - sum(deaf)
 
 
-class Links:
+class ConnectionStatus:
     """Listens to `diagnostics` with `node` and compares counts of subscribers with what `node` sees of the
     graph.
 
@@ -40,7 +40,7 @@ class Links:
         """Whether the named nodes are up and every publisher, `node`'s too, has found every subscriber."""
         own = {p.topic_name: p.get_subscription_count() for p in self._node.publishers}
         return names <= set(self._found) and all(
-            are_all(self._node, topic, count)
+            has_all_subscribers(self._node, topic, count)
             for counts in (own, *self._found.values())
             for topic, count in counts.items()
         )

@@ -13,7 +13,7 @@ SECOND = 1_000_000_000  # ns
 FASTEST = 5.0  # m/s that an object is moved by; what goes farther has been put somewhere else
 
 
-class SeenCorners:
+class OccludedKeypointBuffer:
     """The latest poses of a box of `half_size` (3,) m, of as long as `oldest` s ago and one before that."""
 
     def __init__(self, half_size: np.ndarray, oldest: float):
