@@ -111,12 +111,14 @@ def test_a_pose_deep_in_the_object_is_drawn_out_before_its_face(depth, side):
     plan = plan_approach(
         collision, NOMINAL.ready, Pose(at, quaternion_from_matrix(rotation)), 0.0, objekt, seed=0, config=FAST
     )
-    assert depth < plan.drawn_out < depth + 0.04
+    assert depth < plan.penetration_retreat < depth + 0.04
     position, turn = forward_kinematics(plan.trajectory.positions[-1])
     apart, normal = finger_gap(BUMP, objekt.position, objekt.quaternion, position, turn, 0.0)
     np.testing.assert_allclose(normal, outwards, atol=1e-9)
     assert apart == pytest.approx(CLEARANCE, abs=1e-3)
-    np.testing.assert_allclose(position - at - plan.lift * np.array([0, 0, 1.0]), plan.drawn_out * outwards, atol=1e-3)
+    np.testing.assert_allclose(
+        position - at - plan.lift * np.array([0, 0, 1.0]), plan.penetration_retreat * outwards, atol=1e-3
+    )
 
 
 def test_a_pose_that_may_be_is_left_as_it_is():
@@ -124,7 +126,7 @@ def test_a_pose_that_may_be_is_left_as_it_is():
     down = np.diag([1.0, -1.0, -1.0])
     goal = Pose(objekt.position + [0, 0, 0.045], quaternion_from_matrix(down))  # its fingertips 9 mm inside
     plan = plan_approach(CollisionModel(BUMP), NOMINAL.ready, goal, 0.0, objekt, seed=0, config=FAST)
-    assert plan.drawn_out == 0.0
+    assert plan.penetration_retreat == 0.0
     np.testing.assert_allclose(forward_kinematics(plan.trajectory.positions[-1])[0], goal.position, atol=1e-3)
 
 
@@ -213,13 +215,13 @@ from np_description.domains import WALL, Pose
 from np_description.hand import FLAT_HAND
 from np_description.panda import NOMINAL
 from np_planning.collision import CollisionModel
-from np_planning.rrt import Budget, find_path
+from np_planning.rrt import PlanningBudget, find_path
 collision = CollisionModel(WALL)
 collision.place(Pose(np.array([0.53, 0, 0.05]), np.array([1.0, 0, 0, 0])), 0.01)
 start, goal = np.array({start!r}), np.array({goal!r})
 for seed in {seeds!r}:
     path = find_path(collision.is_free, start, goal, NOMINAL.position_lower, NOMINAL.position_upper, seed=seed,
-                     budget=Budget(improve=4000))
+                     budget=PlanningBudget(improve=4000))
 print(hashlib.sha256(path.tobytes()).hexdigest())
 """
 

@@ -160,7 +160,7 @@ def test_missing_and_foreign_weights_are_named(folder):
     with pytest.raises(WeightsError, match="kind: expected post_contact, got pre_contact"):
         PostContactPolicy(weights_file("pre_contact", CARD, folder), CARD)
     save(PreContactNetwork(), weights_file("post_contact", CARD, folder), PolicyContract.of(POST_CONTACT, CARD))
-    with pytest.raises(WeightsError, match="does not fit PostContactPolicy"):
+    with pytest.raises(WeightsError, match="does not fit PostContactNetwork"):
         PostContactPolicy(weights_file("post_contact", CARD, folder), CARD)
     with pytest.raises(WeightsError, match="expected a folder"):
         weights_file("pre_contact", CARD, folder / "nowhere")

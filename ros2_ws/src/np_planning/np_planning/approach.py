@@ -36,7 +36,7 @@ class ApproachConfig:
 
     standoff: length of the straight parts; object_depth, surface_depth: how far hand and fingers may reach into the
     object's estimated pose and into fixed surroundings, for estimates are not exact: a pose that reaches deeper into the object is
-    drawn out of it (`_Hand.drawn_out`); largest_lift: one that reaches deeper into the table is raised by up to this much; contact_speed: of the hand on the straight parts, m/s;
+    drawn out of it (`_Hand.penetration_retreat`); largest_lift: one that reaches deeper into the table is raised by up to this much; contact_speed: of the hand on the straight parts, m/s;
     velocity, acceleration: shares of the robot's limits; postures: inverse kinematics solutions looked for;
     limit_margin: distance kept from joint limits; resolution: between postures checked. With a clearance of 5 mm and
     0.9 m of reach, postures 0.01 rad apart leave no room for a contact between them.
@@ -57,7 +57,7 @@ class ApproachConfig:
 
 @dataclass(frozen=True)
 class ApproachPlan:
-    """trajectory: the whole motion; lift: m by which the pose was raised out of the surroundings; drawn_out: m by which it was drawn
+    """trajectory: the whole motion; lift: m by which the pose was raised out of the surroundings; penetration_retreat: m by which it was drawn
     out of the object; contact_start: s at which the last straight part begins."""
 
     trajectory: Trajectory

@@ -138,7 +138,7 @@ class ApproachNode(Node):
             planning_time=round(seconds, 3),
             duration=round(motion.duration, 3),
             lift=round(plan.lift, 4),
-            drawn_out=round(plan.drawn_out, 4),
+            drawn_out=round(plan.penetration_retreat, 4),
         )
         self.diagnostics.report(DiagnosticStatus.OK, "planned")
 
