@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from np_policy.action import RESIDUAL_LIMITS_FINAL, RESIDUAL_LIMITS_INITIAL, ResidualLimits
 
-STAGES = 10  # geometric steps from LOOSE to TIGHT (paper)
+STAGES = 10  # geometric steps from the initial to the final residual limits (paper)
 
 
 @dataclass(frozen=True)
