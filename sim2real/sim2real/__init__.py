@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sim2real.arm.files import load_arm
     from sim2real.arm.model import panda
+    from sim2real.consequences import follow_up
     from sim2real.diagnosis import Diagnosis, diagnose
     from sim2real.effects.patch import load_patch
     from sim2real.finding import Finding
@@ -25,6 +26,7 @@ _MODULES = {
     "diagnose": "diagnosis",
     "load_patch": "effects.patch",
     "Finding": "finding",
+    "follow_up": "consequences",
     "ContractViolation": "recordings.reading",
     "load_bag": "recordings.reading",
     "load_log": "recordings.reading",
@@ -38,6 +40,7 @@ __all__ = [
     "Finding",
     "Log",
     "diagnose",
+    "follow_up",
     "load_arm",
     "load_bag",
     "load_log",

@@ -16,8 +16,8 @@ from sim2real.effects.joint_dynamics.presliding_friction import STROKES as PRESL
 from sim2real.recordings.reading import load_log
 from sim2real.report.document import make_report, to_json
 from sim2real.report.page import render
-from sim2real.simulation.simulated_arm import Z1
 
+Z1 = Path(__file__).resolve().parents[2] / "examples" / "arms" / "z1.xml"
 REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
 
 

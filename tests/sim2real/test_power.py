@@ -8,7 +8,9 @@ from arm_generator import Truth, at, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim2real.arm.model import panda
+from sim2real.consequences import Consequences
 from sim2real.diagnosis import explain_gap
+from sim2real.effects.patch import Patch
 from sim2real.excitation.ambiguity import Ambiguity, find_ambiguity, find_open_question
 from sim2real.excitation.planned_recordings import plan_cells, plan_log
 from sim2real.excitation.power import (
@@ -129,7 +131,7 @@ def test_what_are_the_same_forces_no_experiment_can_tell(uneven):
         "cannot_separate": ["coulomb_friction + torque_offset"],
         "ranked": [],
     }
-    report = make_report(diagnosis, [log], 0.0, experiment=answer)
+    report = make_report(diagnosis, [log], 0.0, Consequences(Patch(), experiment=answer))
     assert to_json(report) and NONE in render(report, diagnosis)
 
 
@@ -171,7 +173,7 @@ def test_an_ambiguity_is_answered_with_a_command_and_its_probability(stuck, monk
     question = find_open_question(open_)
     answer = choose_next_experiment(open_, question)
     forward = refit_in_simulation(open_, question[1].models[1:])
-    report = make_report(open_, [log], 0.0, experiment=answer, forward=forward)
+    report = make_report(open_, [log], 0.0, Consequences(Patch(), experiment=answer, refit=forward))
     page = render(report, open_)
     assert [s["effects"] for s in report["forward"]["structures"]][:2] == [
         ["coulomb_friction at panda_joint4"],

@@ -126,6 +126,7 @@ def main(arguments: list[str] | None = None) -> int:
         return verify_patch(options)
     from sim2real import single_thread  # noqa: F401, I001  before NumPy
     from sim2real.diagnosis import diagnose
+    from sim2real.consequences import follow_up
     from sim2real.progress import StageProgress
     from sim2real.recordings.reading import ContractViolation
     from sim2real.report.document import write_report
@@ -147,7 +148,16 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"diagnose: {error}", file=sys.stderr)
         print(json.dumps({"error": str(error)}))
         return 1
-    report = write_report(options.out, diagnosis, logs, lambda: time.monotonic() - began, options.quick, progress.begin)
+    consequences = follow_up(diagnosis, options.quick, progress.begin)
+    report = write_report(
+        options.out,
+        diagnosis,
+        logs,
+        consequences,
+        lambda: time.monotonic() - began,
+        options.quick,
+        progress.begin,
+    )
     progress.end()
     print(report["sentence"])
     gap = report["gap"]

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
+from sim2real.recordings.signals import Log
+from sim2real.simulation.simulated_arm import Plant
 
 from np_control.impedance import damping
 from np_control.impedance import torque as impedance_torque
-from sim2real.recordings.signals import Log
-from sim2real.simulation.simulated_arm import Plant
 
 GAP = 1.5  # periods between two rows after which a recording is cut
 SHORTEST = 1.0  # s
