@@ -139,7 +139,7 @@ def evaluate_robot(robot: Robot, config: EvaluationConfig, nominal: Future, pool
 def _evaluate(row: dict, keep: Callable[[], None], robot: Robot, config, nominal, pool: Executor, gpus) -> None:
     with ThreadPoolExecutor(1) as beside:
         without = beside.submit(without_each, robot, config, pool)
-        patch, row["diagnosis"] = _diagnosed(robot, config, pool)
+        patch, row["diagnosis"] = _diagnose(robot, config, pool)
         row["found"] = dump_patch(patch)
         keep()
         believed = succeeds(nominal.result()[f"{robot.domain}_physx"])
@@ -164,12 +164,12 @@ def _evaluate(row: dict, keep: Callable[[], None], robot: Robot, config, nominal
             row["engine"]["oracle"] = _after(rehearse(what, robot.patch, config.how, pool, gpus))["adopted"]
 
 
-def _diagnosed(robot: Robot, config: EvaluationConfig, pool: Executor) -> tuple[Patch, dict]:
+def _diagnose(robot: Robot, config: EvaluationConfig, pool: Executor) -> tuple[Patch, dict]:
     from np_blind.robots.recording import diagnose_robot, record_arm_physx, record_task_physx  # slow to import
 
     folder = config.out / robot.folder
-    told, found = folder / "diagnosis.json", folder / "patch.yaml"
-    if not told.exists():
+    summary, found = folder / "diagnosis.json", folder / "patch.yaml"
+    if not summary.exists():
         begun = time.monotonic()
         seed = 1000 * config.seed + 10 * robot.number
         asked = [pool.submit(record_arm_physx, robot.patch, seed)]
@@ -184,11 +184,11 @@ def _diagnosed(robot: Robot, config: EvaluationConfig, pool: Executor) -> tuple[
                 recorded.append(None)
                 refused.append(str(error))
         log, *tasks = recorded
-        patch, said = pool.submit(diagnose_robot, log, [task for task in tasks if task is not None]).result()
-        said |= {"not_recorded": refused, "took_s": round(time.monotonic() - begun, 1)}
+        patch, verdicts = pool.submit(diagnose_robot, log, [task for task in tasks if task is not None]).result()
+        verdicts |= {"not_recorded": refused, "took_s": round(time.monotonic() - begun, 1)}
         found.write_text(dump_patch(patch), encoding="utf-8")
-        told.write_text(json.dumps(said, indent=1), encoding="utf-8")
-    return load_patch(found), json.loads(told.read_text(encoding="utf-8"))
+        summary.write_text(json.dumps(verdicts, indent=1), encoding="utf-8")
+    return load_patch(found), json.loads(summary.read_text(encoding="utf-8"))
 
 
 def reality_of(robot: Robot) -> Cell:
@@ -245,11 +245,11 @@ def ablations(
     }
 
 
-def _after(told: dict) -> dict[str, list[int] | None]:
+def _after(summary: dict) -> dict[str, list[int] | None]:
     """Success in PhysX with what a rehearsal has come to: corrected, after training, and of what it keeps, None where there is none."""
-    played = told["played"]
+    played = summary["played"]
     return {
         "corrected": played.get("reality_corrected"),
         "after": played.get("reality_after"),
-        "adopted": played[KEPT[told["kept"]].replace("patched", "reality")],
+        "adopted": played[KEPT[summary["kept"]].replace("patched", "reality")],
     }
