@@ -12,7 +12,7 @@ from np_description.force_reflex import FORCE_REFLEX
 from np_description.panda import JOINT_NAMES, NOMINAL
 from np_franka.arm import Arm
 from np_franka.checklist import Checklist, RobotFacts
-from np_franka.client import MILLISECOND, ArmError, ConnectionLost, RobotState
+from np_franka.client import MILLISECOND, ArmError, ArmReading, ConnectionLost
 from np_franka.driver import Driver
 from np_franka.limits import FR3_LIMITS
 
@@ -46,7 +46,7 @@ class Robot:
         if self.is_gone:
             raise ConnectionLost("connection to the robot: UDP receive: Timeout")
         self.time += MILLISECOND
-        return RobotState(self.time, NOMINAL.ready, self.dq, STILL, STILL, STILL, STILL, "Move", "", 1.0)
+        return ArmReading(self.time, NOMINAL.ready, self.dq, STILL, STILL, STILL, STILL, "Move", "", 1.0)
 
     def write(self, torque, last):
         self.written.append((torque, last))

@@ -12,7 +12,7 @@ from np_common.rotations import matrix_from_vector, vector_from_matrix
 from np_description.calibration import Lens
 from np_description.camera import CAMERA
 from np_perception.calibration.board import Board
-from np_perception.calibration.bundle import BoardView, CameraFit, DegenerateError, TouchedPoint, apply_step, linearise
+from np_perception.calibration.bundle import BoardView, BundleFit, DegenerateError, TouchedPoint, apply_step, linearise
 from np_perception.calibration.hand_eye import check, park_martin, solve
 
 LENS = Lens(400, 400, 741.0, 741.0, 199.5, 199.5)
@@ -83,7 +83,7 @@ def test_the_closed_form_is_exact_from_three_views():
 
 def test_derivatives():
     setup = Setup(0, count=8)
-    fit = CameraFit(setup.position + 0.01, setup.rotation, np.array([0.01, 0.02, 0.1]), np.eye(3), LENS)
+    fit = BundleFit(setup.position + 0.01, setup.rotation, np.array([0.01, 0.02, 0.1]), np.eye(3), LENS)
     jacobian = linearise(fit, setup.views)[1]
     for k in range(16):
         step = np.zeros(16)

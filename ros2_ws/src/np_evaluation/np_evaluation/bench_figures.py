@@ -50,14 +50,14 @@ def static_figures() -> dict[str, object]:
     return static_bench.figures(static_bench.results())
 
 
-def alone_figures(domain: Domain, weights: str) -> dict[str, object]:
+def in_process_figures(domain: Domain, weights: str) -> dict[str, object]:
     """An episode in one process, by engine: processor time of a control period, ticks and plan shared out, beside the engine's own step in it."""
-    from np_evaluation.in_process import OneProcess
+    from np_evaluation.in_process import InProcessRollout
     from np_physx_bridge.library import missing
 
     figures: dict[str, object] = {}
     for name in ("mujoco", *([] if missing() else ["physx"])):
-        played, spent = OneProcess(domain, name, weights=weights), []
+        played, spent = InProcessRollout(domain, name, weights=weights), []
         played.time_engine(spent.append)
         began = time.process_time()
         result = played.play(0)

@@ -16,7 +16,7 @@ from np_sim_bridge.simulation import Simulation
 from np_sim_bridge.view import SceneView
 
 
-class DetectorEyes:
+class DetectedKeypoints:
     """Images of one scene, drawn as the graph's are, one episode after the other; only of ticks, for nobody asks about another.
 
     domain, patch: of the scene; seed: of the view's scatter; weights: folder of the detector, "" for the project's own. Raises WeightsError

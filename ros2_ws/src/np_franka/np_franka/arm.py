@@ -8,7 +8,7 @@ from time import monotonic
 import numpy as np
 
 from np_franka.checklist import READY_MODE, RobotFacts
-from np_franka.client import ArmError, Client, ConnectionLost, MotionAborted, RobotState
+from np_franka.client import ArmError, ArmReading, Client, ConnectionLost, MotionAborted
 
 SETTLING = 0.5  # s that states on their way may be older than the last recovery
 
@@ -50,7 +50,7 @@ class Arm:
         self._ask("start")
         self.is_controlled = True
 
-    def read(self) -> RobotState:
+    def read(self) -> ArmReading:
         """Wait for the next state."""
         return self._ask("read")
 

@@ -31,7 +31,7 @@ class MotionAborted(ArmError):
 
 
 @dataclass(frozen=True, eq=False)
-class RobotState:
+class ArmReading:
     """One state of the robot.
 
     time: ns on the robot's clock, whole milliseconds. q (7,) rad, dq (7,) rad/s: joint side; torque (7,) Nm:
@@ -69,7 +69,7 @@ class Client(Protocol):
     def start(self) -> None:
         """Begin to take torques."""
 
-    def read(self) -> RobotState:
+    def read(self) -> ArmReading:
         """Wait for the next state."""
 
     def write(self, torque: np.ndarray, last: bool) -> None:

@@ -9,9 +9,9 @@ from np_franka.checklist import RobotFacts
 from np_franka.client import (
     MILLISECOND,
     ArmError,
+    ArmReading,
     ConnectionLost,
     MotionAborted,
-    RobotState,
     mismatch,
     translate_errors,
 )
@@ -52,12 +52,12 @@ class Fr3Client:
         self._control = self._robot.start_torque_control()
 
     @translate_errors
-    def read(self) -> RobotState:
+    def read(self) -> ArmReading:
         """Wait for the next state."""
         state = self._control.readOnce()[0] if self._control else self._robot.read_once()
         state.O_ddP_O = UPRIGHT  # in place of the accelerometer's noise
         gravity = np.array(self._model.gravity(state))
-        return RobotState(
+        return ArmReading(
             round(state.time.to_sec() * 1000) * MILLISECOND,
             np.array(state.q),
             np.array(state.dq),

@@ -14,9 +14,9 @@ from np_franka.checklist import RobotFacts
 from np_franka.client import (
     MILLISECOND,
     ArmError,
+    ArmReading,
     ConnectionLost,
     MotionAborted,
-    RobotState,
     mismatch,
     translate_errors,
 )
@@ -59,11 +59,11 @@ class PandaClient:
         )
 
     @translate_errors
-    def read(self) -> RobotState:
+    def read(self) -> ArmReading:
         """Wait for the next state."""
         state = self._control.read() if self._control else self._robot.read_once()
         gravity = np.array(self._model.gravity(state))  # of an upright base, by default
-        return RobotState(
+        return ArmReading(
             round(state.time.to_sec() * 1000) * MILLISECOND,
             np.array(state.q),
             np.array(state.dq),

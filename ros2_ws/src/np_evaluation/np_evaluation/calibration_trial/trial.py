@@ -29,7 +29,7 @@ POSITION_SPREAD, ROTATION_SPREAD = 0.025, np.radians(2)
 
 
 @dataclass(frozen=True)
-class Arm:
+class TrialArm:
     """How far the arm is from what its joint states say. offset rad: of each joint, the same in every
     posture; noise rad: of each joint, another in every posture; standard deviations. tip m: how well a
     fingertip is put on a corner.
@@ -42,10 +42,10 @@ class Arm:
 
 
 ARMS = (
-    Arm("ideal", 0.0, 0.0, 0.0),
+    TrialArm("ideal", 0.0, 0.0, 0.0),
     # The arm repeats to 0.1 mm (datasheet); its absolute accuracy, which the datasheet does not give, is a
     # millimetre or so.
-    Arm("real", 0.0003, 0.0002, 0.0005),
+    TrialArm("real", 0.0003, 0.0002, 0.0005),
 )
 
 
@@ -96,7 +96,7 @@ def touch_postures(scene: BoardScene, missed: np.ndarray) -> list[np.ndarray]:
     )
 
 
-def one(number: int, arm: Arm, seed: int, views: int, folder: Path) -> tuple[list[dict], Calibration]:
+def run_trial(number: int, arm: TrialArm, seed: int, views: int, folder: Path) -> tuple[list[dict], Calibration]:
     """Calibrate camera `number` by both methods, from bags; what came out beside the truth, and the one by
     hand."""
     rng = np.random.default_rng((seed, number))

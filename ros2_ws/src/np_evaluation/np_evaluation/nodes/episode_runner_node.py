@@ -37,7 +37,7 @@ _FORCE = "external_force"  # key of the backend's figures of an episode
 _KEPT = 50  # states that wait for the pose of their stamp
 
 
-class Conductor(SupervisedGraphClient):
+class EpisodeRunner(SupervisedGraphClient):
     """Runs episodes on the graph of a supervisor, whose robot the node `backend` owns.
 
     on_phase(phase, s of simulated time since the reset) is told every change, on_tick(s) every policy tick.

@@ -51,7 +51,7 @@ class TouchedPoint:
 
 
 @dataclass(frozen=True)
-class CameraFit:
+class BundleFit:
     """position (3,) m, rotation (3, 3): the camera in the base frame; board_position, board_rotation: the
     board on its carrier; rms px of the median view; view_rms (n,) px; lens as fitted; used: numbers of the
     views that were not wrong; left_out: how many were; covariance (6, 6) of the camera, as
@@ -90,11 +90,11 @@ LENS = (*POSES, 12, 13, 14)
 SCALE = (*POSES, 15)
 
 
-def residuals(fit: CameraFit, views: Sequence[BoardView]) -> np.ndarray:
+def residuals(fit: BundleFit, views: Sequence[BoardView]) -> np.ndarray:
     return linearise(fit, views)[0]
 
 
-def linearise(fit: CameraFit, views: Sequence[BoardView]) -> tuple[np.ndarray, np.ndarray]:
+def linearise(fit: BundleFit, views: Sequence[BoardView]) -> tuple[np.ndarray, np.ndarray]:
     """Measured minus predicted pixels (n, 2), and the Jacobian (n, 2, 16) of the prediction."""
     counts = [len(view.points) for view in views]
     carrier = np.repeat([view.rotation for view in views], counts, axis=0)
@@ -130,7 +130,7 @@ def linearise(fit: CameraFit, views: Sequence[BoardView]) -> tuple[np.ndarray, n
     return residual, jacobian
 
 
-def _touch_rows(fit: CameraFit, touches: Sequence[TouchedPoint]) -> tuple[np.ndarray, np.ndarray]:
+def _touch_rows(fit: BundleFit, touches: Sequence[TouchedPoint]) -> tuple[np.ndarray, np.ndarray]:
     """The same for touches, in units of their sigma: (3 m,) and (3 m, 16)."""
     residual, rows = [], []
     for touch in touches:
@@ -146,7 +146,7 @@ def _touch_rows(fit: CameraFit, touches: Sequence[TouchedPoint]) -> tuple[np.nda
     )
 
 
-def refine(fit: CameraFit, views: Sequence[BoardView], touches: Sequence[TouchedPoint], free=POSES) -> CameraFit:
+def refine(fit: BundleFit, views: Sequence[BoardView], touches: Sequence[TouchedPoint], free=POSES) -> BundleFit:
     """Gauss-Newton from `fit`; the corners' robust standard deviation scales them against the touches.
 
     That deviation is estimated again in each step, which scipy.optimize.least_squares does not do: called twice, with
@@ -170,14 +170,14 @@ def refine(fit: CameraFit, views: Sequence[BoardView], touches: Sequence[Touched
     return estimate_errors(fit, views)
 
 
-def estimate_errors(fit: CameraFit, views: Sequence[BoardView]) -> CameraFit:
+def estimate_errors(fit: BundleFit, views: Sequence[BoardView]) -> BundleFit:
     """The fit with the errors that these views have with it."""
     squared = (residuals(fit, views) ** 2).sum(axis=1)
     by_view = np.sqrt([part.mean() for part in np.split(squared, np.cumsum([len(view.points) for view in views])[:-1])])
     return replace(fit, rms=float(np.median(by_view)), view_rms=by_view)
 
 
-def apply_step(fit: CameraFit, step: np.ndarray) -> CameraFit:
+def apply_step(fit: BundleFit, step: np.ndarray) -> BundleFit:
     factor = np.exp(np.clip(step[12], -0.5, 0.5))
     lens = replace(
         fit.lens,

@@ -14,7 +14,7 @@ from np_description.calibration import Calibration, CalibrationErrors, TablePlan
 from np_description.camera import CAMERA
 from np_description.domains import CARD
 from np_perception.calibration.board import Board, pose_in_camera
-from np_perception.calibration.bundle import BOARD, CameraFit, DegenerateError, TouchedPoint, linearise, refine
+from np_perception.calibration.bundle import BOARD, BundleFit, DegenerateError, TouchedPoint, linearise, refine
 from np_perception.calibration.evidence import REST_BEFORE, SHORTEST, CalibrationData, CalibrationRefusal, board_views
 from np_perception.calibration.hand_eye import CORNER_SIGMA, ReferenceCheck, check, solve
 
@@ -24,7 +24,7 @@ class CalibrationResult:
     """A calibration, what its views say of the lens and the board, and by view (px) how well they fit."""
 
     calibration: Calibration
-    fit: CameraFit
+    fit: BundleFit
     check: ReferenceCheck
 
 
@@ -141,7 +141,7 @@ def keypoint_bound(covariance: np.ndarray, dof: float) -> float:
     return worst
 
 
-def find_table(evidence: CalibrationData, board: Board, fit: CameraFit) -> TablePlane:
+def find_table(evidence: CalibrationData, board: Board, fit: BundleFit) -> TablePlane:
     """The table, from a board that lies on it. Raises CalibrationRefusal if it is not seen, or was moved
     meanwhile."""
     _require_board(evidence, board)

@@ -25,7 +25,7 @@ from np_perception.calibration.bundle import (
     POSES,
     SCALE,
     BoardView,
-    CameraFit,
+    BundleFit,
     DegenerateError,
     TouchedPoint,
     estimate_errors,
@@ -79,7 +79,7 @@ class ReferenceCheck:
         return found
 
 
-def solve(views: Sequence[BoardView], lens: Lens, touches: Sequence[TouchedPoint] = ()) -> CameraFit:
+def solve(views: Sequence[BoardView], lens: Lens, touches: Sequence[TouchedPoint] = ()) -> BundleFit:
     """The camera from views of a board in the hand, or, with touches, on the table.
 
     Raises DegenerateError for too few views, too little movement, or views that no camera explains.
@@ -110,15 +110,15 @@ def solve(views: Sequence[BoardView], lens: Lens, touches: Sequence[TouchedPoint
     return fit
 
 
-def check(fit: CameraFit, views: Sequence[BoardView], touches: Sequence[TouchedPoint] = ()) -> ReferenceCheck:
+def check(fit: BundleFit, views: Sequence[BoardView], touches: Sequence[TouchedPoint] = ()) -> ReferenceCheck:
     """Fit the lens, then the board's size too, with intervals from leaving out one piece of evidence at a
     time."""
     kept = [views[i] for i in fit.used]
 
-    def lens_values(other: CameraFit) -> np.ndarray:
+    def lens_values(other: BundleFit) -> np.ndarray:
         return np.array([other.lens.fx / fit.lens.fx, other.lens.cx - fit.lens.cx, other.lens.cy - fit.lens.cy])
 
-    def scale_value(other: CameraFit) -> np.ndarray:
+    def scale_value(other: BundleFit) -> np.ndarray:
         return np.array([other.scale])
 
     results = []
@@ -164,7 +164,7 @@ def _require_touches(views: list[BoardView], touches: list[TouchedPoint]) -> Non
         raise DegenerateError("touch: expected finite positions")
 
 
-def _hint(fit: CameraFit, views: list[BoardView], touches: list[TouchedPoint]) -> str:
+def _hint(fit: BundleFit, views: list[BoardView], touches: list[TouchedPoint]) -> str:
     """What would explain the views, if something simple does."""
     if touches:
         return ""
@@ -207,7 +207,7 @@ def _between(a, b):
     return a[1].T @ (b[0] - a[0]), a[1].T @ b[1]
 
 
-def _start(views: list[BoardView], lens: Lens) -> CameraFit:
+def _start(views: list[BoardView], lens: Lens) -> BundleFit:
     boards = [pose_in_camera(view.points, view.pixels, lens) for view in views]
     carriers = [(view.position, view.rotation) for view in views]
     rng, best = np.random.default_rng(0), None
@@ -217,7 +217,7 @@ def _start(views: list[BoardView], lens: Lens) -> CameraFit:
         i = chosen[0]
         turn = carriers[i][1] @ rotation @ boards[i][1].T
         camera = carriers[i][1] @ position + carriers[i][0] - turn @ boards[i][0]
-        fit = CameraFit(camera, turn, position, rotation, lens)
+        fit = BundleFit(camera, turn, position, rotation, lens)
         error = np.median([np.sqrt((residuals(fit, [view]) ** 2).sum(axis=1)).mean() for view in views])
         if np.isfinite(error) and (best is None or error < best[0]):
             best = error, fit
@@ -226,20 +226,20 @@ def _start(views: list[BoardView], lens: Lens) -> CameraFit:
     return best[1]
 
 
-def _start_from_touches(views: list[BoardView], lens: Lens, touches: list[TouchedPoint]) -> CameraFit:
+def _start_from_touches(views: list[BoardView], lens: Lens, touches: list[TouchedPoint]) -> BundleFit:
     there, here = np.array([t.position for t in touches]), np.array([t.point for t in touches])
     u, _, vt = np.linalg.svd((there - there.mean(axis=0)).T @ (here - here.mean(axis=0)))
     rotation = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt  # Kabsch (1976)
     position = there.mean(axis=0) - rotation @ here.mean(axis=0)
     at, turned = pose_in_camera(views[0].points, views[0].pixels, lens)
     turn = rotation @ turned.T
-    return CameraFit(position - turn @ at, turn, position, rotation, lens)
+    return BundleFit(position - turn @ at, turn, position, rotation, lens)
 
 
 # Uncertainty
 
 
-def _left_out(fit: CameraFit, views, touches, value, free=POSES) -> np.ndarray:
+def _left_out(fit: BundleFit, views, touches, value, free=POSES) -> np.ndarray:
     """`value` of the fit without each piece of evidence: a view of a moving board, or a touch; (n, ...)."""
     if touches:  # the views of a board that lies still are one
         return np.array(
@@ -255,7 +255,7 @@ def _jackknife_covariance(values: np.ndarray) -> np.ndarray:
     return (len(values) - 1) / len(values) * difference.T @ difference
 
 
-def _jackknife(fit: CameraFit, views, touches) -> tuple[np.ndarray, float]:
+def _jackknife(fit: BundleFit, views, touches) -> tuple[np.ndarray, float]:
     values = _left_out(
         fit,
         views,

@@ -32,10 +32,10 @@ CHUNK = 2  # episodes that a process plays at a time, 1 to 10 s: another robot c
 
 
 @dataclass(frozen=True)
-class Cell:
+class RolloutCell:
     """One policy on one robot. effects: text of a patch.yaml, what the robot has besides the nominal one; weights: folder, "" for the
     project's own; engine: mujoco or physx; seed: of the tasks and all that is random, with the episode's number; corrected: text of a patch
-    too, of which detector and driver know (`np_evaluation.corrections`)."""
+    too, of which detector and driver know (`np_evaluation.calibration_corrections`)."""
 
     domain: str
     engine: str = "mujoco"
@@ -58,7 +58,7 @@ def text_of(patch: Patch) -> str:
     return dump_patch(patch) if patch.effects else ""
 
 
-def play(cell: Cell, numbers: Sequence[int]) -> list[float]:
+def run_rollouts(cell: RolloutCell, numbers: Sequence[int]) -> list[float]:
     """Scores of these episodes, by the truth. A physics that diverges is a failure."""
     played = _played(cell)
     return [_scored(played, number) for number in numbers]
@@ -69,7 +69,7 @@ def succeeds(scores: Sequence[float]) -> list[bool]:
     return [score >= LEAST for score in scores]
 
 
-def room(domain: Domain, result: Result) -> float:
+def success_margin(domain: Domain, result: Result) -> float:
     """Share 0..1 of distance, angle or time, whichever is least, that an episode that succeeded has left before it would have failed."""
     left = [1 - result.distance / domain.tolerance_position, 1 - result.duration / LONGEST]
     if domain.tolerance_angle is not None:
@@ -78,14 +78,14 @@ def room(domain: Domain, result: Result) -> float:
 
 
 @lru_cache(maxsize=1)
-def _played(cell: Cell):
+def _played(cell: RolloutCell):
     import torch  # slow, as what follows
 
     from np_description.objects.choice import domain_with
-    from np_evaluation.in_process import OneProcess
+    from np_evaluation.in_process import InProcessRollout
 
     torch.set_num_threads(1)
-    return OneProcess(
+    return InProcessRollout(
         domain_with(cell.domain, cell.object),
         cell.engine,
         seed=cell.seed,
@@ -101,16 +101,16 @@ def _scored(played, number: int) -> float:
         result = played.play(number)
     except FloatingPointError:
         return 0.0
-    return round(LEAST + (1 - LEAST) * room(played.domain, result), 4) if result.success else 0.0
+    return round(LEAST + (1 - LEAST) * success_margin(played.domain, result), 4) if result.success else 0.0
 
 
-class Kept:
+class CachedScores:
     """Scores of named cells in a folder, a file each: what is there is not played again.
 
     Raises ValueError for a file that is of another cell.
     """
 
-    def __init__(self, folder: Path, cells: Mapping[str, Cell]):
+    def __init__(self, folder: Path, cells: Mapping[str, RolloutCell]):
         self._folder, self._cells = folder, dict(cells)
         folder.mkdir(parents=True, exist_ok=True)
         self._found = {name: self._read(name) for name in cells}
@@ -141,12 +141,12 @@ class Kept:
         return [self._found[name][number] for number in range(episodes)]
 
 
-def play_all(
-    cells: Mapping[str, Cell], episodes: int, folder: Path, pool: Executor, what: str = "episodes"
+def run_all_rollouts(
+    cells: Mapping[str, RolloutCell], episodes: int, folder: Path, pool: Executor, what: str = "episodes"
 ) -> dict[str, list[float]]:
     """Scores of episodes 0 to `episodes` of each cell by its name, those of `folder` among them. what: of the progress shown, "" for none.
     Where one raises, the others are played and kept before that is raised."""
-    kept = Kept(folder, cells)
+    kept = CachedScores(folder, cells)
     missing = {name: kept.missing(name, episodes) for name in cells}
     total = len(cells) * episodes
     progress, done = Progress(total, what), total - sum(map(len, missing.values()))
@@ -156,7 +156,7 @@ def play_all(
     for name, numbers in missing.items():
         for begin in range(0, len(numbers), CHUNK):
             chunk = numbers[begin : begin + CHUNK]
-            asked[pool.submit(play, cells[name], chunk)] = name, chunk
+            asked[pool.submit(run_rollouts, cells[name], chunk)] = name, chunk
     for future in as_completed(asked):
         name, chunk = asked[future]
         try:

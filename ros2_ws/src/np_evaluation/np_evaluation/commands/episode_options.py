@@ -49,7 +49,7 @@ def check_options(parser: argparse.ArgumentParser, options: argparse.Namespace, 
         parser.error(f"--engine physx: {missing()}")
 
 
-def concluded(name: str, play: Callable[[], Mapping], told: Callable[[Mapping], tuple[Mapping, int]]) -> int:
+def run_command(name: str, play: Callable[[], Mapping], told: Callable[[Mapping], tuple[Mapping, int]]) -> int:
     """Run the command called `name`; its exit status. told: what to print of the figures, as one JSON object, and the status."""
     interrupt_on_sigterm()
     try:

@@ -74,7 +74,7 @@ def corrections(patch: Patch, left: Collection[str] = ()) -> Corrections:
     )
 
 
-class CorrectedView:
+class CompensatedView:
     """Keypoints of one episode as the believed camera would show them now. domain: whose object it is."""
 
     def __init__(self, told: Corrections, domain: Domain):
@@ -104,7 +104,7 @@ class CorrectedView:
             return seen
 
 
-class CorrectedDriver:
+class CompensatedArm:
     """Between the arm and all that reads and drives it: angles as they are, and the torque that makes the arm do what is asked of it."""
 
     def __init__(self, told: Corrections):
@@ -115,7 +115,7 @@ class CorrectedDriver:
         weighs = any(effect.effect in ("encoder_bias", "payload", "link_com") for effect in arm.effects)
         self._weights = (Dynamics(), Dynamics(arm.panda())) if weighs else None
         delay = float(arm.per_joint("command_delay", "delay").max())
-        self._ahead = Foretold(delay, Dynamics(arm.panda())) if delay > 0 else None
+        self._ahead = SmithPredictor(delay, Dynamics(arm.panda())) if delay > 0 else None
         self._is_none = not arm.effects
 
     def read(self, measured: Measurement) -> Measurement:
@@ -141,7 +141,7 @@ class CorrectedDriver:
         return asked + self._friction * np.tanh(dq / AT_SPEED + torque / AT_TORQUE)
 
 
-class Foretold:
+class SmithPredictor:
     """An arm's state after the delay of its commands: those that are under way act on its inertia, and what else accelerates it goes on.
 
     Without the second a joint that presses against something would be foretold to move, and give way by that. delay: s.

@@ -18,7 +18,7 @@ DRAWS = 2000  # of the bootstrap over episodes
 Subset = frozenset[str]
 
 
-def parts(patch: Patch, most: int = MOST) -> dict[str, Patch]:
+def split_patch(patch: Patch, most: int = MOST) -> dict[str, Patch]:
     """The patch cut into parts that are blamed: single effects where these are few, else effects of a kind together, of a module, or of
     arm, view and scene."""
     for label in (_alone, _kind, _module, _whose):
@@ -51,7 +51,7 @@ def subsets(names: Sequence[str]) -> list[Subset]:
     return [frozenset(some) for size in range(len(names) + 1) for some in combinations(names, size)]
 
 
-def joined(patches: Mapping[str, Patch], some: Subset) -> Patch:
+def join_patches(patches: Mapping[str, Patch], some: Subset) -> Patch:
     """The parts of a subset together."""
     return Patch(tuple(effect for name, patch in patches.items() if name in some for effect in patch.effects))
 
