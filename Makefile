@@ -32,7 +32,7 @@ $(if $(UNUSED),$(error $(UNUSED): `make $(or $(MAKECMDGOALS),help)` has no use f
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
 
-.PHONY: help setup demo test test-benchmark test-slow test-driver driver-report hardware physx meshes lerobot cluster bench soak fuzz blind blind-task evaluate table3 rehearse train identify docs format lock clean distclean
+.PHONY: help setup demo test test-benchmark test-slow test-driver driver-report hardware physx meshes lerobot cluster bench soak fuzz blind blind-task blind-chain evaluate table3 finetune rehearse train identify docs format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -84,9 +84,13 @@ blind-task: physx ## CASES=16 SEED=1 JOBS CLUSTER ARGS=--seal: the task diagnosi
 	@$(ACTIVATE) exec python -m np_blind.task.set $(if $(filter-out file,$(origin CASES)),--cases $(CASES)) \
 		$(if $(filter-out file,$(origin SEED)),--seed $(SEED)) --jobs $(JOBS) $(ON) $(ARGS)
 
-rehearse: $(if $(filter physx,$(ENGINE)),physx,setup) ## BAG="runs/suite_000 runs/task_000" DOMAIN EPISODES=100 OBJECT SEED JOBS ARGS="--minutes 5": what a gap costs the task, which effect most, trained on with it, judged again; a page
+blind-chain: blind-task ## CASES SEED JOBS CLUSTER ARGS: former name of blind-task, for one release
+
+finetune: $(if $(filter physx,$(ENGINE)),physx,setup) ## BAG="runs/suite_000 runs/task_000" DOMAIN EPISODES=100 OBJECT SEED JOBS ARGS="--minutes 5": from recordings to policies corrected or fine-tuned for the arm; a page
 	@$(ACTIVATE) exec ros2 run np_evaluation finetune $(BAG) --domain $(DOMAIN) --object $(OBJECT) --seed $(SEED) --jobs $(JOBS) \
 		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
+
+rehearse: finetune ## BAG DOMAIN EPISODES OBJECT SEED JOBS ENGINE ARGS: former name of finetune, for one release
 
 train: setup ## DOMAIN SEED GPUS: make its policies by recipes/DOMAIN.yaml, from nothing to judged weights; killed, it goes on
 	@$(ACTIVATE) exec python -m $(if $(GPUS),torch.distributed.run --standalone --nproc-per-node $(GPUS) -m )np_training.train --recipe recipes/$(DOMAIN).yaml --seed $(SEED) --out runs/$(DOMAIN)_$(SEED) $(ARGS)

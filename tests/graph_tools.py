@@ -28,8 +28,8 @@ from sensor_msgs.msg import PointCloud2
 from np_bringup.task_graph import task_graph
 from np_description.message_arrays import stamp_nanoseconds
 from np_ros import qos
-from np_ros.client.links import Links
-from np_ros.client.peer import Peer
+from np_ros.client.connection_status import ConnectionStatus
+from np_ros.client.graph_client import GraphClient
 from np_ros.processes.graph import NodeSpec
 from np_ros.processes.supervisor import Supervisor, installed_command
 
@@ -98,7 +98,7 @@ class Graph(Supervisor):
         return spec.name
 
 
-class Probe(Peer):
+class Probe(GraphClient):
     """A peer in the domain of a graph, whose nodes are watched while it waits."""
 
     def __init__(self, graph: Graph):
@@ -115,7 +115,7 @@ class Probe(Peer):
 
     def wait_until_ready(self, names: set[str], timeout: float = 2 * TIMEOUT) -> None:
         """Until the named nodes are up, every publisher, the probe's too, has found its subscribers, and the nodes have found the probe."""
-        links = Links(self.node)  # anew: it believes only what nodes say from now on
+        links = ConnectionStatus(self.node)  # anew: it believes only what nodes say from now on
         self.wait_until(lambda: links.are_complete(names), timeout, f"{', '.join(sorted(names))}, all matched")
         self.be_found(*sorted(names))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from sim2real.effects.patch import Patch
-from sim2real.excitation.suite import schedule, suite
+from sim2real.excitation.suite import make_suite, schedule_starts
 from sim2real.recordings.signals import Commands, Log
 
 from np_control.controller import Controller
@@ -19,8 +19,8 @@ PERIOD = 0.002
 
 def record(only, patch: Patch = Patch(), name: str = "own") -> Log:
     """Experiments of the suite (names or families) that keep the controller's own gains."""
-    plan = suite(only)
-    starts = dict(zip(schedule(plan), plan))
+    plan = make_suite(only)
+    starts = dict(zip(schedule_starts(plan), plan))
     end = max(starts) + round(plan[-1].duration * 1e9) + 300_000_000
     simulation, controller, guard = Simulation(CARD, patch=patch), Controller(), SafetyFilter()
     guard.start(simulation.measure().position[:7])

@@ -8,7 +8,7 @@ import torch
 from np_description.domains import Domain
 from np_policy import hand_pose
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
-from np_policy.networks import PostContactPolicy, PreContactStudent
+from np_policy.networks import PostContactNetwork, PreContactNetwork
 from np_policy.weights import save
 
 
@@ -23,7 +23,7 @@ def write_policies(
     """A student that always wants the hand at `position`, pointing down, and a random post-contact policy; the folder.
     controller: what their contracts say that they were trained with."""
     torch.manual_seed(0)
-    student, policy = PreContactStudent(), PostContactPolicy()
+    student, policy = PreContactNetwork(), PostContactNetwork()
     wanted = hand_pose.encode(np.array(position), np.diag([1.0, -1.0, -1.0]), np.array(opening))
     with torch.no_grad():
         student.net[-1].weight.zero_()

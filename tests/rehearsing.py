@@ -4,8 +4,8 @@ from concurrent.futures import Future
 
 from sim2real.effects.patch import Patch, PatchEffect
 
-from np_evaluation.corrections import OF_DRIVER
-from np_evaluation.finetune.playing import patch_of
+from np_evaluation.calibration_corrections import OF_DRIVER
+from np_evaluation.finetune.rollouts import patch_of
 
 FRICTION = PatchEffect("coulomb_friction", "panda_joint4", {"level": 2.0})
 GRIP = PatchEffect("gripper_friction", "contact", {"relative": -0.4})

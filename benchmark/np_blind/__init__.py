@@ -1,7 +1,6 @@
-"""The blind test on sealed cases: arms (`arm`), what is beside the arm (`chain`), whole robots (`robots`), and their scores.
+"""The blind benchmark of sim2real: sealed cases of arms (`arm`), task set-ups (`task`) and whole robots (`robots`), and their scores.
 
-No case is made with the doctor's inference. Arms are simulated apart from everything that the doctor uses, without MuJoCo or
-Pinocchio: from the robot's packages that takes numbers of the nominal Panda, the controller's law and limits, the excitation
-suite, and what commands share. For tasks and robots reality is PhysX; robots are judged by `np_bringup`'s rehearsal itself.
-`camera` asks two stages of the chain by themselves; `sealed` puts down the hashes of all keys.
+No case is made with the inference of the diagnosis. Arms are simulated by a plant of their own, without MuJoCo or Pinocchio; it shares the nominal
+numbers of the Panda, the controller's law and limits and the excitation suite with the product. Task set-ups and robots are simulated in PhysX;
+robots are judged by the fine-tuning of `np_evaluation`. `sealed` keeps the hashes of all keys, `baselines` holds other identification methods.
 """

@@ -1,7 +1,6 @@
-"""Sealed keys: the SHA-256 of what every case of a set is, put down beforehand; and which doctor answers.
+"""Sealed keys: the SHA-256 of all cases of a set, committed beforehand, and of the diagnosis that is evaluated.
 
-A key needs no simulation, so that its hash can be committed before any recording exists, and anyone can make the
-same key, and recordings, again.
+A key needs no simulation: its hash is committed before any recording exists, and anyone can draw the same key again.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ SCHEMA = 1
 
 
 class SealError(ValueError):
-    """A key that is not the one whose hash was put down; says what was expected and what came."""
+    """A key whose hash is not the committed one; says what was expected and what came."""
 
 
 def digest(key: str) -> str:
@@ -26,7 +25,7 @@ def digest(key: str) -> str:
 
 
 def commit_hash(key: str, path: Path = KEYS) -> str:
-    """Put down the hash of a key, once; the hash. Raises SealError where another one stands there."""
+    """Write the hash of a key once; the hash. Raises SealError where another one stands there."""
     name, found = _name(key), digest(key)
     known = _known(path).get(name)
     if known is None:
@@ -38,7 +37,7 @@ def commit_hash(key: str, path: Path = KEYS) -> str:
 
 
 def check_hash(key: str, path: Path = KEYS) -> str:
-    """The hash of a key, which must be the one put down. Raises SealError."""
+    """The hash of a key, which must be the committed one. Raises SealError."""
     name, found = _name(key), digest(key)
     known = _known(path).get(name)
     if known is None:
@@ -52,9 +51,9 @@ def check_hash(key: str, path: Path = KEYS) -> str:
 
 
 def check_diagnosis_code(out: Path, is_locked: bool) -> str:
-    """SHA-256 over the code of the doctor and of its effects, put down in `out` by the first call.
+    """SHA-256 over the code of sim2real, written to `out` by the first call.
 
-    A run in parts is of one doctor: raises SealError where `out` of a locked set holds answers of another one.
+    Raises SealError where `out` of a locked set holds answers of other code.
     """
     code = hashlib.sha256()
     for package in ("sim2real",):
@@ -70,12 +69,6 @@ def check_diagnosis_code(out: Path, is_locked: bool) -> str:
         )
     note.write_text(found + "\n")
     return found
-
-
-def answered_by(out: Path) -> str:
-    """SHA-256 of the doctor that gave the answers in `out`, "" where none did."""
-    note = out / "doctor.sha256"
-    return note.read_text().strip() if note.exists() else ""
 
 
 def _name(key: str) -> tuple[str, int, int]:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sim2real.excitation.suite import suite
+from sim2real.excitation.suite import make_suite
 
 from np_blind.arm import bags as recordings
 from np_blind.arm import generate
@@ -67,9 +67,9 @@ def test_bags_are_those_of_a_session_and_show_no_cause(bags):
         assert set(np.diff(stamps)) == {2_000_000} and order == sorted(order)
         assert [m.header.stamp for m in commands] == [m.header.stamp for m in states]
         assert phases == [PhaseState(EXCITE, experiment="sinusoid_7")]
-        assert len(plan.points) == len(suite(["sinusoid_7"])[0].times)
+        assert len(plan.points) == len(make_suite(["sinusoid_7"])[0].times)
         swing = np.ptp([m.position[6] for m in states])
-        assert swing == pytest.approx(np.ptp(suite(["sinusoid_7"])[0].positions[:, 6]), rel=0.1)
+        assert swing == pytest.approx(np.ptp(make_suite(["sinusoid_7"])[0].positions[:, 6]), rel=0.1)
     assert len(seen) == 1
 
 

@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 from arm_generator import Truth, at, record
 from sim2real.arm.model import panda
-from sim2real.checks.omnibus import _outlying, omnibus_test
-from sim2real.checks.standstill import _memory, ageing
+from sim2real.checks.friction_ageing import _memory, find_friction_ageing
+from sim2real.checks.lack_of_fit import _outlying, omnibus_test
 from sim2real.diagnosis import explain_gap
 from sim2real.effects.stage import Stage
-from sim2real.excitation.suite import suite
-from sim2real.inference.averaging import spread
+from sim2real.excitation.suite import make_suite
 from sim2real.inference.context import make_context
-from sim2real.inference.design import make_design
-from sim2real.inference.ranking import generalisations
-from sim2real.inference.search import Model, Search
+from sim2real.inference.model_averaging import between_model_deviations
+from sim2real.inference.ranking import find_generalisations
+from sim2real.inference.regression import make_regression
+from sim2real.inference.search import ModelSearch, ScoredModel
 from sim2real.recordings.reading import load_bag
 from sim2real.recordings.signals import GRID
-from sim2real.simulation.patching import tried_patch
+from sim2real.simulation.patch_trial import try_patch
 from sim2real.thresholds import THRESHOLDS
 
 from np_blind.arm.bags import write_bag
@@ -47,13 +47,13 @@ def searches(tmp_path_factory):
     physics = nominal_physics(3)
     physics.ageing[1, AGEING], physics.ageing_time[1, AGEING] = 1.5, 1.0
     physics.dropout[2, DROPPING] = 0.5
-    targets = make_targets(suite(["dwell", "microstrokes"]))
+    targets = make_targets(make_suite(["dwell", "microstrokes"]))
     recorded = run(physics, targets, [(3, arm) for arm in range(3)])
     found = []
     for arm, name in enumerate(("clean", "sets", "drops out")):
         path = tmp_path_factory.mktemp("bags") / name
         write_bag(path, recorded, arm, targets, 10**9, {})
-        found.append(Search(make_design(make_context([load_bag(path)], panda()))))
+        found.append(ModelSearch(make_regression(make_context([load_bag(path)], panda()))))
     return found
 
 
@@ -79,7 +79,7 @@ def test_a_rest_is_remembered_by_its_length_and_fades():
 
 
 def test_friction_that_ages_at_rest_is_seen(searches):
-    assert [ageing(search, ()) for search in searches] == [set(), {AGEING}, set()]
+    assert [find_friction_ageing(search, ()) for search in searches] == [set(), {AGEING}, set()]
 
 
 def test_noise_never_goes_so_far_and_a_drive_that_drops_out_does(searches):
@@ -99,31 +99,31 @@ def test_noise_never_goes_so_far_and_a_drive_that_drops_out_does(searches):
 
 def test_an_interval_holds_what_a_rival_structure_says(stuck):
     """Two structures predict nearly alike; what they say of a parameter differs, and either's interval knows of it."""
-    search = Search(stuck.design)
+    search = ModelSearch(stuck.design)
     plain, rival = number(search, "coulomb_friction"), number(search, "armature")
     joints, alone, both = (STUCK,), (plain,), (plain, rival)
-    assert spread(search, joints, alone, plain, 0) == {}  # nothing was scored
+    assert between_model_deviations(search, joints, alone, plain, 0) == {}  # nothing was scored
     levels = []
     for inside in (alone, both):
         ids = search.ids(joints, inside)
         place = np.flatnonzero(ids == search.design.candidates[plain].ids[0])[0]
         levels.append(search.group(joints, inside)[0].fit.parameters[:, place].mean())
-    own, other = (spread(search, joints, inside, plain, 0)["level"] for inside in (alone, both))
+    own, other = (between_model_deviations(search, joints, inside, plain, 0)["level"] for inside in (alone, both))
     assert 0 < own < abs(levels[1] - levels[0]) and other > 0
     assert np.hypot(own, other) == pytest.approx(abs(levels[1] - levels[0]), rel=1e-2)  # their weights add up to one
     # The one can say what the other says: nothing is learnt from both.
-    search = Search(stuck.design)
+    search = ModelSearch(stuck.design)
     for inside in (alone, (plain, number(search, "asymmetric_coulomb_friction"))):
         search.group(joints, inside)
-    assert spread(search, joints, alone, plain, 0) == {"level": 0.0}
+    assert between_model_deviations(search, joints, alone, plain, 0) == {"level": 0.0}
 
 
 def test_what_contains_an_effect_is_known_by_its_columns(stuck):
     """Levels for either direction contain one level for both; a slope does not."""
     search = stuck.search
-    assert generalisations(search, number(search, "coulomb_friction")) == ("asymmetric_coulomb_friction",)
-    assert generalisations(search, number(search, "viscous_friction")) == ("asymmetric_viscous_friction",)
-    assert generalisations(search, number(search, "asymmetric_coulomb_friction")) == ()
+    assert find_generalisations(search, number(search, "coulomb_friction")) == ("asymmetric_coulomb_friction",)
+    assert find_generalisations(search, number(search, "viscous_friction")) == ("asymmetric_viscous_friction",)
+    assert find_generalisations(search, number(search, "asymmetric_coulomb_friction")) == ()
 
 
 def test_a_patch_that_makes_the_closed_loop_worse_loses_what_does_so(stuck):
@@ -135,11 +135,11 @@ def test_a_patch_that_makes_the_closed_loop_worse_loses_what_does_so(stuck):
     inertia = replace(
         friction, effect=effect, component=NOMINAL.joints[1], parameters={"inertia": replace(level, value=2.0)}
     )
-    patch, left_out, table = tried_patch(replace(stuck, findings=(inertia, friction)))
+    patch, left_out, table = try_patch(replace(stuck, findings=(inertia, friction)))
     assert [e.effect for e in patch.effects] == ["coulomb_friction"]
     assert left_out == [f"armature at {NOMINAL.joints[1]}"]
     assert table[NOMINAL.joints[STUCK]]["after"] < 0.3 * table[NOMINAL.joints[STUCK]]["before"]
-    assert tried_patch(replace(stuck, findings=(inertia,)))[0].effects == ()
+    assert try_patch(replace(stuck, findings=(inertia,)))[0].effects == ()
 
 
 @pytest.mark.parametrize("effect, matters", [("link_inertia", False), ("presliding_friction", True)])
@@ -150,10 +150,10 @@ def test_an_inertia_has_to_matter_in_all_rows_of_a_joint_and_friction_where_it_a
         for at, n in ((False, 9000), (True, 1000))
     ]
     candidate = SimpleNamespace(effect=SimpleNamespace(id=effect, acts=1.0))
-    search = Search(SimpleNamespace(cells=cells, candidates=[candidate], context=None))
+    search = ModelSearch(SimpleNamespace(cells=cells, candidates=[candidate], context=None))
     squares = {(): [9000 * 0.02**2, 1000 * 0.024**2], (0,): [9000 * (0.02**2 - 0.003**2), 1000 * (0.024**2 - 0.011**2)]}
-    monkeypatch.setattr(Search, "energies", lambda _, members: squares[members])
-    monkeypatch.setattr(Search, "is_negligible", lambda *_: False)
-    monkeypatch.setattr("sim2real.inference.search.visible", lambda *_: 0.0087)
-    one, none = (Model(members, np.zeros(1), 0.0) for members in ((0,), ()))
+    monkeypatch.setattr(ModelSearch, "energies", lambda _, members: squares[members])
+    monkeypatch.setattr(ModelSearch, "is_negligible", lambda *_: False)
+    monkeypatch.setattr("sim2real.inference.search.noise_floor", lambda *_: 0.0087)
+    one, none = (ScoredModel(members, np.zeros(1), 0.0) for members in ((0,), ()))
     assert search.is_material(one, none) is matters

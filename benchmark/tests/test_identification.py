@@ -15,8 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
 from sim2real.recordings.signals import Commands, Log
-from sim2real.simulation.closed_loop import Replay, stretch, stretches
-from sim2real.simulation.simulated_arm import Z1, Plant, load_plant, panda_plant
+from sim2real.simulation.simulated_arm import Plant, load_plant, panda_plant
 
 from np_blind.arm import generate
 from np_blind.arm.evaluation.patched_arm import patched_physics, read_patch
@@ -25,6 +24,7 @@ from np_blind.arm.sampling.faults import Fault
 from np_blind.baselines import compare as command
 from np_blind.baselines import methods as baselines
 from np_blind.baselines.budget import Budget
+from np_blind.baselines.closed_loop import Replay, stretch, stretches
 from np_blind.baselines.drive_log import read_drive_log
 from np_blind.baselines.identification import (
     JOINT,
@@ -37,6 +37,7 @@ from np_blind.baselines.identification import (
 from np_control.impedance import torque
 
 pytestmark = pytest.mark.timeout(900)  # on a machine with nothing else to do all of it takes one minute
+Z1 = Path(__file__).resolve().parents[2] / "examples" / "arms" / "z1.xml"
 REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
 TWO_JOINTS = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody> <body
   gravcomp="1"><joint name="a" axis="0 1 0" frictionloss=".3" damping=".2" armature=".1"/> <inertial mass="2"

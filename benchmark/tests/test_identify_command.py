@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from sim2real.excitation.suite import suite
+from sim2real.excitation.suite import make_suite
 from sim2real.simulation.simulated_arm import panda_plant
 
 from np_blind.baselines import identify
@@ -15,7 +15,7 @@ from np_blind.baselines.methods import gap
 @pytest.fixture(scope="module")
 def sinusoid():
     truth = known_arm(1)
-    return truth, record(truth, suite(["sinusoid_7"]), 1)
+    return truth, record(truth, make_suite(["sinusoid_7"]), 1)
 
 
 def test_a_reference_arm_is_explained_by_its_own_parameters(sinusoid):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from sim2real.effects.arm_effects import ArmEffects
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.excitation.suite import READY, SECOND, THIRD, suite
+from sim2real.excitation.suite import READY, SECOND, THIRD, make_suite
 
 from np_blind.arm.evaluation.held_out_motion import LOST, gaps, motions
 from np_blind.arm.evaluation.patched_arm import patched_physics
@@ -170,7 +170,7 @@ def test_a_delayed_command_gives_the_same_impulse_later(delay):
 
 def short_run(cases, names=("sinusoid_4",), seeds=True, background=True, until=np.inf):
     physics, truths = make_physics(cases, background)
-    targets = make_targets(suite(list(names))).until(until)
+    targets = make_targets(make_suite(list(names))).until(until)
     return run(physics, targets, [c.seed for c in cases] if seeds else None), targets, truths
 
 
@@ -268,7 +268,7 @@ def test_an_arm_that_runs_away_is_named_and_leaves_the_others():
     cases = draw_cases(3, 0, "development")
     physics, _ = make_physics(cases)
     physics.viscous_forward[1] = physics.viscous_backward[1] = -40.0
-    targets = make_targets(suite(["sinusoid_7"])).until(2.5)
+    targets = make_targets(make_suite(["sinusoid_7"])).until(2.5)
     with pytest.raises(Diverged) as caught:
         run(physics, targets, [c.seed for c in cases])
     error = pickle.loads(pickle.dumps(caught.value))

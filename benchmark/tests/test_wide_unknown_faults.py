@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim2real.excitation.suite import READY, suite
+from sim2real.excitation.suite import READY, make_suite
 
 from np_blind.arm.evaluation.scoring import modules
 from np_blind.arm.loop import make_targets, run
@@ -78,7 +78,7 @@ def test_every_new_kind_changes_what_is_recorded():
     own = (1, 600, 2, 0)  # the same background for all
     faults = [Fault(name, joints[-1], 5.0) for name, (_, joints) in WIDE.items()]
     cases = [Case(0, "null", (), own)] + [Case(i, "stranger", (f,), own) for i, f in enumerate(faults, 1)]
-    record = run(make_physics(cases)[0], make_targets(suite(["reference"])).until(4.0), None)
+    record = run(make_physics(cases)[0], make_targets(make_suite(["reference"])).until(4.0), None)
     for i, fault in enumerate(faults, 1):
         seen = [
             np.abs(getattr(record, part)[:, i] - getattr(record, part)[:, 0]).max(axis=0) / unit
@@ -90,7 +90,7 @@ def test_every_new_kind_changes_what_is_recorded():
 @pytest.mark.slow
 def test_new_kinds_at_their_largest_leave_the_loop_stable_at_every_joint():
     cases = [Case(i, "stranger", (fault,), (1, 600, 2, 0)) for i, fault in enumerate(EVERYWHERE)]
-    record = run(make_physics(cases)[0], make_targets(suite(["triangle_fast", "third_dwell"])), None)
+    record = run(make_physics(cases)[0], make_targets(make_suite(["triangle_fast", "third_dwell"])), None)
     error = np.abs(record.position - record.target)
     assert (error.max(axis=(0, 2)) < 0.3).all() and (error[-1].max(axis=1) < 0.5 * LIMITS.start_tolerance).all()
 

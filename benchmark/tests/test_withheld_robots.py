@@ -11,9 +11,10 @@ import yaml
 from rehearsing import BOTH, FRICTION, WEIGHTS, Here, losing
 from sim2real.effects.patch import Patch
 
-from np_evaluation.finetune import playing, stages
+from np_evaluation.finetune import rollouts as playing
+from np_evaluation.finetune import stages
 from np_evaluation.finetune.learning import Learning
-from np_evaluation.finetune.playing import text_of
+from np_evaluation.finetune.rollouts import text_of
 
 
 def test_what_is_drawn_is_of_the_seed_and_grows_with_its_size():
@@ -83,7 +84,7 @@ def test_fewer_pairs_are_played_where_fewer_say_enough(tmp_path, monkeypatch):
         asked.extend(numbers if cell.effects else ())
         return [not cell.effects or number % every != 0 for number in numbers]
 
-    monkeypatch.setattr(playing, "play", play)
+    monkeypatch.setattr(playing, "run_rollouts", play)
     for every, pairs in ((1, 8), (2, 16), (4, 32)):
         asked.clear()
         assert Measured(Here(), 32, tmp_path / str(every)).loss("wall", BOTH) == 1 / every
@@ -146,7 +147,7 @@ def test_a_robot_that_is_settled_is_settled_once(tmp_path, monkeypatch):
     from np_blind.robots import evaluation as robot_answering
     from np_blind.robots.cases import Robot
 
-    monkeypatch.setattr(playing, "play", losing({"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
+    monkeypatch.setattr(playing, "run_rollouts", losing({"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
     asked = []
 
     def diagnosis(log, tasks):
@@ -160,7 +161,7 @@ def test_a_robot_that_is_settled_is_settled_once(tmp_path, monkeypatch):
     monkeypatch.setattr("np_blind.robots.recording.record_arm_physx", lambda patch, seed: patch)
     monkeypatch.setattr("np_blind.robots.recording.record_task_physx", lambda patch, seed: seed)
     monkeypatch.setattr("np_blind.robots.recording.diagnose_robot", diagnosis)
-    monkeypatch.setattr(stages, "learn", learn)
+    monkeypatch.setattr(stages, "train_and_distill", learn)
     judging = robot_answering.EvaluationConfig(tmp_path, 1, 10, 10, Learning(1.0))
     robots = [Robot(0, "wall", BOTH.effects, 0.3, 32)]
     for _ in range(2):
@@ -190,13 +191,13 @@ def test_where_corrections_are_all_the_oracle_takes_no_training(tmp_path, monkey
 
 def test_a_recording_is_what_the_doctor_reads():
     from sim2real.arm.model import panda
-    from sim2real.checks.plausibility import check
+    from sim2real.checks.plausibility import check_plausibility
 
     from np_blind.robots.recording import record_arm
     from np_description.mujoco_engine import MujocoEngine
 
     log = record_arm(Patch((FRICTION,)), 3, MujocoEngine, ("sweep_4",))
-    check(log, panda())
+    check_plausibility(log, panda())
     assert 20 < log.duration < 24 and log.phases[0][1].experiment == "sweep_4" and log.commands.has_law
     assert np.abs(log.commands.target[:, 3] - log.position[:, 3]).max() > 1e-3
 
@@ -223,15 +224,15 @@ def test_a_matrix_takes_the_released_policies_episodes_from_the_set(tmp_path):
     from np_blind.robots.matrix import scores_of_released
 
     robots = [Robot(n, "wall", BOTH.effects, 0.3, 32) for n in (0, 1)]
-    nominal = playing.Cell("wall", seed=TASKS)
+    nominal = playing.RolloutCell("wall", seed=TASKS)
     cells = {"patched": replace(nominal, effects=text_of(BOTH)), "reality": reality_of(robots[0])}
     for number, episodes in ((0, 20), (1, 10)):
         (tmp_path / f"robot_0{number}").mkdir()
         (tmp_path / f"robot_0{number}" / "patch.yaml").write_text(text_of(BOTH))
-        kept = playing.Kept(tmp_path / f"robot_0{number}" / "episodes", cells)
+        kept = playing.CachedScores(tmp_path / f"robot_0{number}" / "episodes", cells)
         for name, score in (("patched", 0.75), ("reality", 0.5)):
             kept.add(name, range(episodes), [score] * episodes)
-    playing.Kept(tmp_path / "nominal", {"wall_mujoco": nominal}).add("wall_mujoco", range(20), [1.0] * 20)
+    playing.CachedScores(tmp_path / "nominal", {"wall_mujoco": nominal}).add("wall_mujoco", range(20), [1.0] * 20)
     names = ("nominal_wall_released", "patched_0_released", "engine_0_released")
     assert scores_of_released(robots, tmp_path, 20) == dict(zip(names, ([1.0] * 20, [0.75] * 20, [0.5] * 20)))
 
@@ -240,11 +241,13 @@ def stand_ins(monkeypatch, learn, lost=None):
     """In place of recordings, doctor and training; a robot with two effects, both of which the doctor finds."""
     from np_blind.robots.cases import Robot
 
-    monkeypatch.setattr(playing, "play", losing(lost or {"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
+    monkeypatch.setattr(
+        playing, "run_rollouts", losing(lost or {"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)})
+    )
     monkeypatch.setattr("np_blind.robots.recording.record_arm_physx", lambda patch, seed: patch)
     monkeypatch.setattr("np_blind.robots.recording.record_task_physx", lambda patch, seed: seed)
     monkeypatch.setattr("np_blind.robots.recording.diagnose_robot", lambda log, tasks: (log, {"arm": "identified"}))
-    monkeypatch.setattr(stages, "learn", learn)
+    monkeypatch.setattr(stages, "train_and_distill", learn)
     return [Robot(0, "wall", BOTH.effects, 0.3, 32)]
 
 
@@ -307,9 +310,9 @@ def test_a_robot_that_is_not_found_costs_the_others_nothing(tmp_path, monkeypatc
             raise ValueError(f"robot {number}: none")
         return loss("wall", BOTH)
 
-    monkeypatch.setattr(playing, "play", losing({"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
+    monkeypatch.setattr(playing, "run_rollouts", losing({"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
     monkeypatch.setattr(robot_sizes, "find_robot", find)
     found, why = robot_sizes.find_robots(2, 5, Here(), 10, tmp_path)
     assert found == pytest.approx([0.4]) and why == ["robot 1: none"]
-    monkeypatch.setattr(playing, "play", None)  # all of it is kept
+    monkeypatch.setattr(playing, "run_rollouts", None)  # all of it is kept
     assert robot_sizes.find_robots(2, 5, Here(), 10, tmp_path)[0] == found

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sim2real.arm.files import load_arm
     from sim2real.arm.model import panda
+    from sim2real.consequences import follow_up
     from sim2real.diagnosis import Diagnosis, diagnose
     from sim2real.effects.patch import load_patch
     from sim2real.finding import Finding
     from sim2real.recordings.reading import ContractViolation, load_bag, load_log, load_npz
     from sim2real.recordings.signals import Log
-    from sim2real.report.document import write
+    from sim2real.report.document import write_report
 
 _MODULES = {
     "load_arm": "arm.files",
@@ -25,12 +26,13 @@ _MODULES = {
     "diagnose": "diagnosis",
     "load_patch": "effects.patch",
     "Finding": "finding",
+    "follow_up": "consequences",
     "ContractViolation": "recordings.reading",
     "load_bag": "recordings.reading",
     "load_log": "recordings.reading",
     "load_npz": "recordings.reading",
     "Log": "recordings.signals",
-    "write": "report.document",
+    "write_report": "report.document",
 }
 __all__ = [
     "ContractViolation",
@@ -38,13 +40,14 @@ __all__ = [
     "Finding",
     "Log",
     "diagnose",
+    "follow_up",
     "load_arm",
     "load_bag",
     "load_log",
     "load_npz",
     "load_patch",
     "panda",
-    "write",
+    "write_report",
 ]
 
 

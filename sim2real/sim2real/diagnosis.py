@@ -8,24 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim2real.arm.model import Arm, panda
-from sim2real.checks.omnibus import LackOfFit, omnibus_test
-from sim2real.checks.shrinkage import Gap, measure
+from sim2real.checks.lack_of_fit import LackOfFit, omnibus_test
+from sim2real.checks.shrinkage import Gap, measure_gap
 from sim2real.checks.unexplained import find_unexplained_joints
 from sim2real.effects.evidence import Context
 from sim2real.effects.sensing.encoder_quantisation import quantisation_regressor
 from sim2real.finding import Finding
 from sim2real.inference.context import make_context
-from sim2real.inference.design import Design, make_design
 from sim2real.inference.estimates import Estimate, estimate
-from sim2real.inference.gains import settled
-from sim2real.inference.loop_delay import settle_delay
-from sim2real.inference.ranking import alternatives, generalisations, probabilities
-from sim2real.inference.search import Model, Search
-from sim2real.inference.settling import settle_shapes
+from sim2real.inference.loop_delay import estimate_loop_delay
+from sim2real.inference.nonlinear_refinement import refine_nonlinear_parameters
+from sim2real.inference.ranking import effect_probabilities, find_competing_effects, find_generalisations
+from sim2real.inference.regression import RegressionProblem, make_regression
+from sim2real.inference.search import ModelSearch, ScoredModel
+from sim2real.inference.torque_constants import refine_torque_constants
 from sim2real.preparation import prepare_logs
-from sim2real.progress import Tell, silent
-from sim2real.recordings.current import as_torque
-from sim2real.recordings.excerpt import excerpts
+from sim2real.progress import StageCallback, ignore_stage
+from sim2real.recordings.excerpt import cut_excerpts
+from sim2real.recordings.motor_current import current_to_torque
 from sim2real.recordings.signals import Log
 from sim2real.report.sentence import sentence
 from sim2real.thresholds import THRESHOLDS
@@ -49,11 +49,11 @@ class Diagnosis:
     """Numbers of the joints with a gap that no effect explains."""
     context: Context
     """The recordings and the nominal prediction of their motion."""
-    design: Design
+    design: RegressionProblem
     """The regression problem: blocks of rows, candidate effects, parameters."""
-    search: Search
+    search: ModelSearch
     """All models that were scored."""
-    chosen: Model
+    chosen: ScoredModel
     """The model that predicts held-out blocks best."""
 
     @property
@@ -82,7 +82,7 @@ def diagnose(
     effort: str | None = None,
     quick: bool = False,
     seed: int = 0,
-    tell: Tell = silent,
+    tell: StageCallback = ignore_stage,
 ) -> Diagnosis:
     """Compare recordings of free motion with the nominal arm (None: the Panda with its hand).
 
@@ -93,7 +93,7 @@ def diagnose(
     """
     logs, before, arm = prepare_logs(logs, arm or panda(), effort, reference)
     if quick:
-        logs, before = (excerpts(part) if part else part for part in (logs, before))
+        logs, before = (cut_excerpts(part) if part else part for part in (logs, before))
     return explain_gap(logs, arm, seed, quick, before, tell)
 
 
@@ -103,7 +103,7 @@ def explain_gap(
     seed: int = 0,
     quick: bool = False,
     reference: Sequence[Log] = (),
-    tell: Tell = silent,
+    tell: StageCallback = ignore_stage,
 ) -> Diagnosis:
     """`diagnose` for logs that are prepared: torques of the drives, checked.
 
@@ -112,19 +112,19 @@ def explain_gap(
     """
     tell("search for effects")
     arm = arm or panda()
-    known, constant = settled(list(reference or logs), arm)
+    known, constant = refine_torque_constants(list(reference or logs), arm)
     if reference:  # constants of motors are the same in both
-        known += [log if log.per_ampere is None else as_torque(log, known[0].per_ampere) for log in logs]
+        known += [log if log.per_ampere is None else current_to_torque(log, known[0].per_ampere) for log in logs]
         constant = None
     context = make_context(known, arm, len(reference), constant)
-    design = settle_delay(make_design(context))
-    search = Search(design)
-    search, chosen = settle_shapes(search, search.run(*((1, 1) if quick else ())))
+    design = estimate_loop_delay(make_regression(context))
+    search = ModelSearch(design)
+    search, chosen = refine_nonlinear_parameters(search, search.run(*((1, 1) if quick else ())))
     design = search.design
     tell("what is left, and how sure it is")
     lack_of_fit = omnibus_test(search, chosen.members)
     unexplained = find_unexplained_joints(search, chosen, lack_of_fit, quick)
-    gap = measure(search, chosen, seed)
+    gap = measure_gap(search, chosen, seed)
     found = _findings(search, chosen, gap, seed, quick)
     return Diagnosis(
         _verdict(found, unexplained),
@@ -139,29 +139,29 @@ def explain_gap(
     )
 
 
-def _findings(search: Search, chosen: Model, gap: Gap, seed: int, quick: bool) -> list[Finding]:
+def _findings(search: ModelSearch, chosen: ScoredModel, gap: Gap, seed: int, quick: bool) -> list[Finding]:
     design = search.design
     joints = design.context.arm.joints
-    probability_of = probabilities(search, seed)
+    probability_of = effect_probabilities(search, seed)
     found, named = [], set()
     for m in chosen.members:
         candidate = design.candidates[m]
-        place = candidate.at(joints)
+        place = candidate.component(joints)
         effect, values = estimate(search, chosen, m, seed)
         named.add((effect.id, place))
         probability = probability_of.get((effect.id, place), 0.0)
-        generalised_by = generalisations(search, m)
-        equivalent = () if quick else alternatives(search, chosen, m)
+        generalised_by = find_generalisations(search, m)
+        equivalent = () if quick else find_competing_effects(search, chosen, m)
         found.append(
             Finding(
                 effect,
                 place,
                 probability,
                 values,
-                gap.alone(search, m),
+                gap.shrink_alone(search, m),
                 equivalent,
                 True,
-                gap.removed(search, chosen, m),
+                gap.energy_removed(search, chosen, m),
                 generalised_by,
                 sum(probability_of.get((name, place), 0.0) for name in generalised_by),
             )
@@ -177,17 +177,17 @@ def _findings(search: Search, chosen: Model, gap: Gap, seed: int, quick: bool) -
         ):
             continue
         m = max(
-            (n for n, c in enumerate(design.candidates) if c.effect.id == name and c.at(joints) == place),
+            (n for n, c in enumerate(design.candidates) if c.effect.id == name and c.component(joints) == place),
             key=lambda n: search.value(search.model((n,))),
         )
         if search.is_negligible(search.model((m,)), m):
             continue
         effect, values = estimate(search, search.model((m,)), m, seed, refined=False)
-        found.append(Finding(effect, place, probability, values, gap.alone(search, m), (), False, 0.0))
+        found.append(Finding(effect, place, probability, values, gap.shrink_alone(search, m), (), False, 0.0))
     return found
 
 
-def _steps(design: Design) -> list[Finding]:
+def _steps(design: RegressionProblem) -> list[Finding]:
     """Encoders that read in steps too coarse to be left out of a simulator."""
     context, found = design.context, []
     for j, step in enumerate(context.quanta):

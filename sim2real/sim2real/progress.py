@@ -16,10 +16,10 @@ STAGES = {
 }
 """Per cent of the time of a diagnosis of the whole suite."""
 
-Tell = Callable[[str], None]
+StageCallback = Callable[[str], None]
 
 
-def silent(stage: str) -> None:
+def ignore_stage(stage: str) -> None:
     """Tells nobody."""
 
 

@@ -29,7 +29,7 @@ from np_description.message_arrays import (  # noqa: E402
     image_array,
     stamp_nanoseconds,  # noqa: E402
 )
-from np_franka.realsense import RealSense, Settings, find_device, lens_of  # noqa: E402
+from np_franka.realsense import RealSense, RealSenseSettings, find_device, lens_of  # noqa: E402
 from np_perception.camera.rectify import Rectifier, project_distorted  # noqa: E402
 from np_perception.camera.source import CameraError  # noqa: E402
 from np_ros import qos  # noqa: E402
@@ -187,7 +187,7 @@ def test_the_node_publishes_the_policies_view_and_tells_of_an_unplugged_camera(g
     try:
         probe.wait_until(lambda: len(images) > 20 and infos, what="images")
         camera = SoftwareCamera()
-        source = RealSense(camera.device, Settings())
+        source = RealSense(camera.device, RealSenseSettings())
         view = Rectifier(source.lens)(picture())
         source.close()
         np.testing.assert_array_equal(image_array(images[-1]), view)

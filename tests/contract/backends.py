@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from np_evaluation.conformance import harness
-from np_evaluation.conformance.commands import EFFORTS, PERIOD, TARGETS, Commands, pushing, stay
+from np_evaluation.conformance.commands import EFFORTS, PERIOD, TARGETS, BackendCommands, pushing, stay
 from np_evaluation.conformance.harness import silent
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "driver"))
@@ -48,7 +48,7 @@ class Backend:
     package: str
     name: str
     modes: dict[str, dict] = field(default_factory=dict)
-    commands: Commands = EFFORTS
+    commands: BackendCommands = EFFORTS
     has_tasks: bool = False
     has_camera: bool = False
     can_pause: bool = False

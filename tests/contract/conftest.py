@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from backends import BACKENDS, Harness  # noqa: E402
 from graph_tools import Graph, Probe  # noqa: E402
 
-from np_evaluation.conformance.checks import Check  # noqa: E402
+from np_evaluation.conformance.checks import ConformanceCheck  # noqa: E402
 
 PAIRS = [(name, mode) for name, backend in BACKENDS.items() for mode in backend.modes]
 STARTS = {
@@ -54,7 +54,7 @@ class Running:
         self._start, self._stack = start, ExitStack()
         self._harness: Harness | None = None
 
-    def keeps(self, check: Check) -> None:
+    def keeps(self, check: ConformanceCheck) -> None:
         """Raises what the check raises."""
         if self._harness is None:
             self.close()

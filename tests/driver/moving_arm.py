@@ -21,7 +21,7 @@ from np_description.panda import JOINT_NAMES, NOMINAL
 from np_description.phases import FAULT, IDLE, PhaseState
 from np_evaluation.conformance.commands import TARGETS
 from np_franka.limits import FR3_LIMITS
-from np_planning.time_parametrization import ACCELERATION_LIMIT, retime
+from np_planning.time_parametrization import ACCELERATION_LIMIT, parametrize_path
 from np_ros import qos
 from np_ros.messages import trajectory_message
 from np_ros.phases import phase_message
@@ -99,7 +99,9 @@ class MovingArm:
         harness = self.harness
         harness.wait(lambda: harness.probe.matched("joint_trajectory"), "whoever follows trajectories")
         begin = np.array(harness.states[-1].position[:7])
-        motion = retime(np.linspace(begin, begin + SWING, 50), 0.7 * NOMINAL.velocity_limit, 0.5 * ACCELERATION_LIMIT)
+        motion = parametrize_path(
+            np.linspace(begin, begin + SWING, 50), 0.7 * NOMINAL.velocity_limit, 0.5 * ACCELERATION_LIMIT
+        )
         harness.probe.publish(
             "joint_trajectory",
             trajectory_message(harness.stamp, JOINT_NAMES, motion.times, motion.positions, motion.velocities),

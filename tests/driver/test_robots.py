@@ -6,8 +6,8 @@ from threading import Event
 import numpy as np
 import pytest
 
-from np_franka.client import Aborted, Lost
-from np_franka.turnstile import Turnstile
+from np_franka.callback_loop import CallbackLoopAdapter
+from np_franka.client import ConnectionLost, MotionAborted
 from np_ros.processes.supervisor import NodeDied
 
 
@@ -47,7 +47,7 @@ def turnstile(start_robot):
             control.writeOnce(torques)
             is_over = torques.motion_finished
 
-    yield robot, Turnstile(loop)
+    yield robot, CallbackLoopAdapter(loop)
 
 
 def torques(effort, *, last=False):
@@ -122,17 +122,17 @@ def wrong_type(_callback):
 @pytest.mark.parametrize("loop, words", [(wrong_type, "TypeError: control"), (lambda _: None, "has ended by itself")])
 def test_a_motion_of_the_panda_that_ends_is_aborted_whatever_ended_it(panda, loop, words):
     client = panda(loop)
-    with pytest.raises(Aborted, match=words):
+    with pytest.raises(MotionAborted, match=words):
         client.read()
     client.close()
 
 
 def test_a_panda_that_neither_calls_back_nor_ends_is_lost(panda, monkeypatch):
-    monkeypatch.setattr("np_franka.turnstile.TIMEOUT", 0.05)
+    monkeypatch.setattr("np_franka.callback_loop.TIMEOUT", 0.05)
     over = Event()
     for ask in (lambda client: client.read(), lambda client: client.write(np.zeros(7), True)):
         client = panda(lambda _: over.wait())
-        with pytest.raises(Lost, match="connection to panda: .* within 0.05 s"):
+        with pytest.raises(ConnectionLost, match="connection to panda: .* within 0.05 s"):
             ask(client)
         client.close()
     over.set()

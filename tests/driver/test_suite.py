@@ -6,8 +6,8 @@ import pytest
 import suite
 from moving_arm import MovingArm
 from sim2real.arm.model import panda
-from sim2real.checks.plausibility import check
-from sim2real.excitation.suite import suite as experiments
+from sim2real.checks.plausibility import check_plausibility
+from sim2real.excitation.suite import make_suite as experiments
 from sim2real.recordings.reading import load_log
 
 from np_record.bag import Recording
@@ -23,7 +23,7 @@ def test_an_experiment_is_followed_recorded_and_read(tmp_path, control):
     assert recorded["segments"][-1] == EXPERIMENT  # after a transfer, if there must be one
     (expected,) = experiments([EXPERIMENT])
     log = load_log(recorded["bag"])
-    check(log, panda())
+    check_plausibility(log, panda())
     assert log.duration > expected.duration
     swing = np.ptp(expected.positions[:, 6])
     assert np.ptp(log.position[:, 6]) == pytest.approx(swing, rel=0.1)

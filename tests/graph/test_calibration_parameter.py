@@ -11,7 +11,7 @@ from sensor_msgs.msg import PointCloud2
 
 from np_bringup.task_graph import task_graph
 from np_common.rotations import matrix_from_vector, quaternion_from_matrix
-from np_description.calibration import Calibration, Errors, Lens
+from np_description.calibration import Calibration, CalibrationErrors, Lens
 from np_description.camera import CAMERA
 from np_description.domains import CARD, sample_task
 from np_description.keypoints import box_keypoints
@@ -33,7 +33,7 @@ def calibration(tmp_path):
         position=np.array([1.07, 0.02, 0.70]),
         quaternion=quaternion_from_matrix(rotation),
         covariance=1e-8 * np.eye(6),
-        errors=Errors(1e-4, 1e-4, 0.1, 0.1, 15, 300),
+        errors=CalibrationErrors(1e-4, 1e-4, 0.1, 0.1, 15, 300),
     )
     made.save(tmp_path / "camera.yaml")
     return made

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from np_common.rotations import matrix_from_vector, quaternion_from_matrix
-from np_description.calibration import Calibration, Errors, Lens
+from np_description.calibration import Calibration, CalibrationErrors, Lens
 from np_description.camera import CAMERA
 from np_description.domains import CARD
 from np_description.message_arrays import camera_info_lens, image_array, keypoints_array, stamp_nanoseconds
@@ -82,7 +82,7 @@ def test_large_pictures_come_out_as_the_policies_see_them(graph, listening, tmp_
         position=np.array([1.08, 0.01, 0.7]),
         quaternion=quaternion_from_matrix(rotation),
         covariance=1e-8 * np.eye(6),
-        errors=Errors(1e-4, 1e-4, 0.1, 0.1, 15, 300),
+        errors=CalibrationErrors(1e-4, 1e-4, 0.1, 0.1, 15, 300),
     )
     calibration.save(tmp_path / "camera.yaml")
     graph.run(

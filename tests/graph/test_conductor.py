@@ -15,7 +15,7 @@ from np_description.domains import CARD, Pose, sample_task
 from np_description.panda import BASE_FRAME
 from np_description.phases import PhaseState
 from np_description.scene import CAMERA_NAME
-from np_evaluation.nodes.episode_runner_node import Conductor
+from np_evaluation.nodes.episode_runner_node import EpisodeRunner
 from np_perception.pose_estimation import project_keypoints
 from np_ros import qos
 from np_ros.messages import keypoints_message, pose_message
@@ -80,7 +80,7 @@ def test_an_episode_is_started_when_its_goal_is_in_force_and_scored_by_the_last_
         if state.phase == "failed":
             backend.push(1000)
 
-    with Conductor(graph, CARD, on_phase=at_its_end) as conductor:
+    with EpisodeRunner(graph, CARD, on_phase=at_its_end) as conductor:
         conductor.wait_until_ready([], services=("sim_bridge/reset", "episode/start"))
         outcome = conductor.run_episode(until=time.monotonic() + 1.0)
     assert (outcome.declared, outcome.reason) == ("failed", "pre: stopped on request")
@@ -89,7 +89,7 @@ def test_an_episode_is_started_when_its_goal_is_in_force_and_scored_by_the_last_
 
 def test_no_phase_is_missed_by_a_conductor_that_is_slow(graph, probe):
     heard = []
-    with Conductor(graph, CARD, on_phase=lambda state, _: heard.append(state)) as conductor:
+    with EpisodeRunner(graph, CARD, on_phase=lambda state, _: heard.append(state)) as conductor:
         phases = probe.advertise("episode/phase", DiagnosticArray, qos.LATCHED)
         probe.wait_until(lambda: probe.matched("episode/phase"))
         said = [PhaseState("pre"), PhaseState("approach"), PhaseState("post"), PhaseState("pre", "contact 2: timeout")]

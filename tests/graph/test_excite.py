@@ -8,7 +8,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_tools import Graph
 from sensor_msgs.msg import JointState
-from sim2real.excitation.suite import LOW_DAMPING, suite
+from sim2real.excitation.suite import LOW_DAMPING, make_suite
 
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS
@@ -20,7 +20,7 @@ from np_diagnosis.commands.excite import make_graph
 from np_diagnosis.nodes.excite_node import Exciter
 from np_record.bag import Recording
 from np_ros import qos
-from np_ros.client.participant import GraphError
+from np_ros.client.supervised_client import GraphError
 from np_ros.messages import joint_state_message
 from np_ros.phases import phase_state
 from np_ros.qos import publisher
@@ -72,7 +72,7 @@ def test_an_experiment_is_followed_and_recorded(request, tmp_path, mode):
     assert [phase_state(m) for m in decoded["episode/phase"]] == [named, PhaseState(IDLE)]
     assert list(dict.fromkeys(phase_state(m) for m in decoded["episode/tick"])) == [PhaseState(IDLE), named]
     (plan,), (gains,) = decoded["joint_trajectory"], decoded["target_gains"]
-    expected = suite(SHORT)[0]
+    expected = make_suite(SHORT)[0]
     times, positions, _ = trajectory_arrays(plan, JOINT_NAMES)
     assert np.allclose(positions, expected.positions, atol=1e-3)
     assert times[-1] == pytest.approx(expected.duration)

@@ -12,7 +12,7 @@ from np_control.kinematics import jacobian
 from np_description.force_reflex import FORCE_REFLEX
 from np_description.message_arrays import stamp_nanoseconds, wrench_array
 from np_description.panda import BASE_FRAME
-from np_evaluation.conformance.harness import Harness, Judged
+from np_evaluation.conformance.harness import Harness, TestedBackend
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "contract"))
 
@@ -27,7 +27,7 @@ def down(state):
 
 def test_a_bridge_that_stops_is_at_fault_until_it_has_recovered_and_says_the_force(graph, probe):
     wrenches = probe.collect("external_wrench", WrenchStamped)
-    harness = Harness(probe, Judged("sim_bridge"))
+    harness = Harness(probe, TestedBackend("sim_bridge"))
     graph.run(
         "np_sim_bridge",
         "sim_bridge",

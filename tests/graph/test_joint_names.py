@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from graph_tools import ROOT
 from sensor_msgs.msg import JointState
 
-from np_bringup.nodes.joint_names_node import Names
+from np_bringup.nodes.joint_names_node import JointNameMap
 from np_description.message_arrays import BadMessage, joint_state_arrays, stamp_nanoseconds
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_ros.messages import joint_state_message
@@ -50,23 +50,23 @@ def test_numbers_go_with_their_names():
     for what in ("position", "velocity", "effort"):
         setattr(there, what, getattr(there, what)[::-1])
     there.name = there.name[::-1]
-    ours = Names("fr3").to_ours(there, STATE_NAMES)
+    ours = JointNameMap("fr3").to_ours(there, STATE_NAMES)
     assert np.array_equal(joint_state_arrays(ours, STATE_NAMES), joint_state_arrays(state(FR3), FR3))
     assert stamp_nanoseconds(ours.header.stamp) == 7_000_000
-    command = Names(",".join(FR3)).to_theirs(state(JOINT_NAMES))
+    command = JointNameMap(",".join(FR3)).to_theirs(state(JOINT_NAMES))
     assert np.array_equal(joint_state_arrays(command, FR3[:7]), joint_state_arrays(state(JOINT_NAMES), JOINT_NAMES))
 
 
 def test_what_names_other_joints_is_refused_and_a_command_left_as_it_is():
     with pytest.raises(BadMessage, match="expected .*'fr3_joint1'.* in any order, got .*'panda_joint1'"):
-        Names("fr3").to_ours(state(STATE_NAMES), STATE_NAMES)
-    assert list(Names("fr3").to_theirs(state(JOINT_NAMES[::-1])).name) == list(JOINT_NAMES[::-1])
+        JointNameMap("fr3").to_ours(state(STATE_NAMES), STATE_NAMES)
+    assert list(JointNameMap("fr3").to_theirs(state(JOINT_NAMES[::-1])).name) == list(JOINT_NAMES[::-1])
 
 
 @pytest.mark.parametrize("given", ["", "a,b", ",".join([*FR3[:8], FR3[0]])])
 def test_names_that_cannot_be_are_told(given):
     with pytest.raises(ValueError, match="expected a prefix, or 9 different names by commas, got"):
-        Names(given)
+        JointNameMap(given)
 
 
 def test_a_controller_moves_the_arm_behind_it(graph, probe, tmp_path):

@@ -22,11 +22,11 @@ from std_srvs.srv import Trigger
 from np_bringup.backends import REAL, SIMULATED
 from np_bringup.task_graph import task_graph
 from np_diagnosis.commands import excite
-from np_record.replay import Script
-from np_ros.low_latency.newest import Newest
+from np_record.replay import ReplayScript
+from np_ros.low_latency.latest_message import LatestMessage
 from np_ros.low_latency.spin import Spinner
 from np_ros.node import SUBSCRIBERS, Diagnostics, parameter
-from np_ros.parameters import declared
+from np_ros.parameters import list_parameters
 from np_ros.processes.domain import ros_domain_id
 from np_ros.qos import EVENT, LOCKSTEP
 
@@ -98,7 +98,7 @@ def test_the_newest_message_is_taken_when_it_is_asked_for(spun):
     """However long nobody asks, and however often the node spins meanwhile: one message waits, the last."""
     node, spinner = spun
     heard = []
-    newest = Newest(node, Int64, "numbers")
+    newest = LatestMessage(node, Int64, "numbers")
     node.create_subscription(Int64, "numbers", lambda message: heard.append(message.data), LOCKSTEP)
     publisher = node.create_publisher(Int64, "numbers", LOCKSTEP)
     assert newest.take() is None
@@ -301,7 +301,7 @@ def test_help_of_a_node_tells_every_parameter_and_starts_nothing(name, module, c
     loaded = importlib.import_module(module)
     assert loaded.main(["--help"]) == 0 and not rclpy.ok()
     said = " ".join(capsys.readouterr().out.split())
-    for p in declared(node_classes(loaded)[-1]):
+    for p in list_parameters(node_classes(loaded)[-1]):
         assert f"{p.name}: {type(p.default).__name__}, default " in said and " ".join(p.meaning.split()) in said
         assert p.allowed in said
 
@@ -314,7 +314,7 @@ def test_a_graph_gives_its_nodes_only_parameters_that_they_have(keypoints, backe
         asked |= {"mode": "realtime", "hostname": "x", "calibration": "x", "keypoints": "camera"}
     modules = dict(EXECUTABLES)
     for spec in task_graph(asked):
-        known = {p.name for p in declared(node_classes(importlib.import_module(modules[spec.executable]))[-1])}
+        known = {p.name for p in list_parameters(node_classes(importlib.import_module(modules[spec.executable]))[-1])}
         assert set(spec.parameters) <= known, spec.name
 
 
@@ -323,7 +323,7 @@ def test_a_replay_starts_the_nodes_that_were_recorded(keypoints):
     asked = {"keypoints": keypoints, "object": "sponge", "weights": "x", "seed": "3"}
     information = {**asked, "domain": "bump", "mode": "lockstep", "calibration": "y"}
     counts = {"camera/image_raw": 9} if keypoints == "camera" else {}
-    replayed = Script(SimpleNamespace(path="bag", information=information, counts=counts)).specs
+    replayed = ReplayScript(SimpleNamespace(path="bag", information=information, counts=counts)).specs
     answering = ("joint_impedance", "keypoint_detector", "pre_contact", "approach", "post_contact")
     recorded = [spec for spec in task_graph(information) if spec.name in answering]
     assert replayed == recorded and len(recorded) == (5 if keypoints == "camera" else 4)

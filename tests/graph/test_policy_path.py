@@ -31,7 +31,7 @@ from np_description.message_arrays import (
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.phases import PhaseState
 from np_perception.pose_estimation import project_keypoints
-from np_policy.action import TIGHT
+from np_policy.action import RESIDUAL_LIMITS_FINAL
 from np_ros import qos
 from np_ros.messages import joint_state_message, keypoints_message, pose_message
 from np_ros.phases import phase_state, refusal_reason
@@ -220,7 +220,7 @@ def test_an_episode_from_keypoints_to_success(begin):
     target = backend.said("target_pose")[0]
     assert stamp_nanoseconds(target.header.stamp) == stamp
     hand, _ = forward_kinematics(joints)
-    assert np.abs(pose_arrays(target, BASE_FRAME)[0] - hand).max() <= TIGHT.position + 1e-9
+    assert np.abs(pose_arrays(target, BASE_FRAME)[0] - hand).max() <= RESIDUAL_LIMITS_FINAL.position + 1e-9
     backend.wait(lambda: backend.said("target_gains"))
     assert (gains_array(backend.said("target_gains")[0])[1] >= 0.5).all()
     for i in range(1, 4):

@@ -7,7 +7,7 @@ import pytest
 
 from np_common.rotations import matrix_from_quaternion
 from np_control.kinematics import forward_kinematics, solve_ik
-from np_description.contact.depths import PAIRS, Tally
+from np_description.contact.depths import PAIRS, DepthHistogram
 from np_description.contact.penetration import Penetration
 from np_description.domains import CARD, WALL, Pose
 from np_description.panda import NOMINAL
@@ -64,17 +64,17 @@ def test_what_is_not_finite_is_refused():
 def test_the_summary_leaves_rubber_out_and_counts_who_pushes():
     moments = [{"finger-object": 0.004}, {"finger-object": 0.002, "object-surroundings": 0.0002}, {}]
     moments += [{"housing-object": 0.001, "finger-object": 0.001}] + [{"object-surroundings": 0.0002}] * 6
-    parts = [Tally(), Tally()]
+    parts = [DepthHistogram(), DepthHistogram()]
     for number, moment in enumerate(moments):
         parts[number % 2].add(moment)
-    found = Tally.summary(Tally(json.loads(json.dumps(part.as_dict()))) for part in parts)
+    found = DepthHistogram.summary(DepthHistogram(json.loads(json.dumps(part.as_dict()))) for part in parts)
     assert (found.median, found.largest) == (0.2, 1.0)
     assert found.by_pair["finger-object"] == {"median": 2.0, "q99": pytest.approx(3.96), "max": 4.0}
     assert found.pushed_otherwise == pytest.approx(1 / 3) and set(found.by_pair) <= set(PAIRS)
 
 
 def test_of_nothing_there_is_nothing_to_say():
-    assert Tally.summary([]).as_dict() == {
+    assert DepthHistogram.summary([]).as_dict() == {
         "median": None,
         "q99": None,
         "max": None,

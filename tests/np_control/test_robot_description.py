@@ -9,7 +9,7 @@ import pytest
 
 from np_control.kinematics import forward_kinematics
 from np_description.domains import DOMAINS
-from np_description.drawing.robot import robot_bodies, roll_pitch_yaw, shapes, urdf
+from np_description.drawing.robot import robot_bodies, roll_pitch_yaw, urdf, visual_shapes
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.scene import load_model
 
@@ -59,9 +59,9 @@ def test_mass_and_inertia_are_those_of_the_scene():
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=list(DOMAINS))
 def test_every_body_of_a_scene_is_drawn(domain):
     model = load_model(domain)
-    drawn = {shape.body for shape in shapes(model)}
+    drawn = {shape.body for shape in visual_shapes(model)}
     assert drawn == {*robot_bodies(model), "world", "object"}
-    boxes = [shape for shape in shapes(model) if shape.body == "world" and shape.kind == "box"]
+    boxes = [shape for shape in visual_shapes(model) if shape.body == "world" and shape.kind == "box"]
     assert len(boxes) == len(domain.obstacles)
 
 

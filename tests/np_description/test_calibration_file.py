@@ -13,9 +13,9 @@ from np_description.calibration import (
     MAX_AGE,
     Calibration,
     CalibrationError,
-    Errors,
+    CalibrationErrors,
     Lens,
-    Table,
+    TablePlane,
     calibrated_camera,
     load,
     norm_bound,
@@ -24,7 +24,7 @@ from np_description.camera import CAMERA
 
 NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
 LENS = Lens(400, 400, 741.0, 742.0, 199.0, 200.5, (0.1, -0.2, 1e-3, -2e-3, 0.05))
-ERRORS = Errors(0.001, 0.002, 0.5, 0.2, 15, 400)
+ERRORS = CalibrationErrors(0.001, 0.002, 0.5, 0.2, 15, 400)
 
 
 def example(turn=(0.01, 0.02, -0.01), **changes) -> Calibration:
@@ -36,7 +36,7 @@ def example(turn=(0.01, 0.02, -0.01), **changes) -> Calibration:
         errors=ERRORS,
         quaternion=quaternion_from_matrix(rotation),
         covariance=np.diag([1e-6] * 3 + [1e-7] * 3),
-        table=Table(0.001, (0.001, -0.002), (0.5, 0.0), 0.002, 0.003),
+        table=TablePlane(0.001, (0.001, -0.002), (0.5, 0.0), 0.002, 0.003),
         source="bags/hand",
     )
     return Calibration(**{**values, **changes})
@@ -86,7 +86,7 @@ def test_age():
         ({"covariance": -np.eye(6)}, "not negative"),
         ({"covariance": np.eye(5)}, "shape"),
         ({"made": datetime(2026, 1, 1)}, "time zone"),
-        ({"errors": Errors(np.nan, 1, 1, 1, 1, 1)}, "finite"),
+        ({"errors": CalibrationErrors(np.nan, 1, 1, 1, 1, 1)}, "finite"),
     ],
 )
 def test_what_cannot_be_is_refused(changes, words):

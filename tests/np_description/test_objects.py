@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from np_description.contact.model import CONTACTS, HARD, SOFT
 from np_description.contact.penetration import Penetration
 from np_description.domains import BUMP, CARD, DOMAINS, WALL, is_lost, sample_task
-from np_description.objects.choice import domain_with, find_object, place_in, portable, recorded_domain
+from np_description.objects.choice import domain_with, embed_object_text, find_object, place_object, read_domain
 from np_description.objects.files import ObjectError, object_text, parse_object, read_object
-from np_description.objects.parts import split
+from np_description.objects.parts import split_object
 from np_description.objects.scenarios import COUNT, fixed_task
 from np_description.objects.spec import Contents, Friction, ObjectSpec, Softness, Surface
 from np_description.objects.table import BASELINES, ROWS, SURFACES, TRIES, rows_of
@@ -75,20 +75,20 @@ def assert_is(model: mujoco.MjModel, spec: ObjectSpec) -> None:
 
 @every_row
 def test_the_compiled_object_weighs_what_its_row_says(spec):
-    assert_is(load_model(place_in(DOMAINS[spec.domain], spec)), spec)
+    assert_is(load_model(place_object(DOMAINS[spec.domain], spec)), spec)
 
 
 @every_row
 def test_a_rigid_row_has_the_structure_of_the_domains_own_object(spec):
-    own, other = load_model(DOMAINS[spec.domain]), load_model(place_in(DOMAINS[spec.domain], spec))
+    own, other = load_model(DOMAINS[spec.domain]), load_model(place_object(DOMAINS[spec.domain], spec))
     assert (structure(other) == structure(own)) == spec.is_rigid
-    assert structure(load_model(place_in(DOMAINS[spec.domain], spec).plain)) == structure(own)
+    assert structure(load_model(place_object(DOMAINS[spec.domain], spec).plain)) == structure(own)
 
 
 @every_row
 @pytest.mark.parametrize("contact", CONTACTS.values(), ids=CONTACTS)
 def test_the_table_carries_all_of_it(spec, contact):
-    model = load_model(place_in(DOMAINS[spec.domain], spec), contact=contact)
+    model = load_model(place_object(DOMAINS[spec.domain], spec), contact=contact)
     data, force, carried = mujoco.MjData(model), np.zeros(6), 0.0
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_step(model, data, 500)
@@ -122,21 +122,21 @@ def test_any_box_is_compiled_as_it_is_described(size, mass, shift, soft, inside)
         contents=Contents(max(0.3 * mass, 0.0005), tuple(clearance), 0.3) if inside else None,
     )
     try:
-        split(spec)
+        split_object(spec)
     except ValueError as error:
         assert "room for the moving parts" in str(error)
         return
-    assert_is(load_model(place_in(BUMP, spec)), spec)
+    assert_is(load_model(place_object(BUMP, spec)), spec)
 
 
 def test_the_default_is_what_there_was():
     """Not another object that equals it: the domain itself, so that nothing that follows from it can differ."""
     for name, domain in DOMAINS.items():
         assert domain_with(name) is domain_with(name, "default") is domain and domain.object is None
-        assert recorded_domain({"domain": name}) is domain and portable(name, "default") == "default"
+        assert read_domain({"domain": name}) is domain and embed_object_text(name, "default") == "default"
         own = load_model(domain)
         assert own.nq == 16 and own.body(OBJECT).mass[0] == pytest.approx(domain.mass, rel=1e-12)
-        row = load_model(place_in(domain, rows_of(name)["default"].spec))
+        row = load_model(place_object(domain, rows_of(name)["default"].spec))
         assert structure(row) == structure(own)
         for values in ("geom_friction", "geom_size", "geom_solref", "geom_solimp", "body_mass", "jnt_range"):
             np.testing.assert_allclose(getattr(row, values), getattr(own, values), rtol=1e-12)
@@ -171,7 +171,7 @@ def test_the_rows_are_the_papers():
 
 def test_a_surface_decides_both_of_its_pairs():
     surface = Surface("felt", Friction(0.7, "measured"), Friction(0.25, "measured"))
-    domain = place_in(CARD, replace(SPECS["card-wood"], surface=surface))
+    domain = place_object(CARD, replace(SPECS["card-wood"], surface=surface))
     for contact in (SOFT, HARD):
         model = load_model(domain, contact=contact)
         found = {name: model.geom(name).friction[0] for name in ("table", "panda_finger1_tip", OBJECT)}
@@ -182,7 +182,7 @@ def test_a_surface_decides_both_of_its_pairs():
 def test_a_soft_face_gives_way_as_its_stiffness_says():
     """Pressed flat on the table by a weight of its own: both plates of an axis in a row."""
     spec = replace(SPECS["bump-sponge"], compliance=Softness(1000.0, 0.01))
-    model = load_model(place_in(BUMP, spec), contact=HARD)
+    model = load_model(place_object(BUMP, spec), contact=HARD)
     data, load = mujoco.MjData(model), 4.0
     mujoco.mj_resetDataKeyframe(model, data, 0)
     data.xfrc_applied[model.body(f"{OBJECT}_upper_z").id, 2] = -load
@@ -204,7 +204,7 @@ def test_what_gives_way_is_no_penetration():
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)
 def test_starts_keep_clear_of_obstacles_whatever_the_size(domain, factor):
     size = tuple(2 * factor * half for half in domain.half_size)
-    other = place_in(domain, replace(rows_of(domain.name)["default"].spec, size=size))
+    other = place_object(domain, replace(rows_of(domain.name)["default"].spec, size=size))
     model = load_model(other)
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     at = model.joint(OBJECT).qposadr[0]
@@ -255,7 +255,7 @@ def test_a_file_names_what_it_leaves_out_by_default(tmp_path):
     assert spec == ObjectSpec("tea box", "card", (0.06, 0.07, 0.006), 0.012, SURFACES["paper"])
     domain = domain_with("card", str(path))
     assert domain.object == spec and domain.mass == pytest.approx(0.012) and domain.name == "card"
-    assert recorded_domain({"domain": "card", "object": portable("card", str(path))}) == domain
+    assert read_domain({"domain": "card", "object": embed_object_text("card", str(path))}) == domain
 
 
 CHANGES = {

@@ -17,8 +17,14 @@ from np_description.panda import NOMINAL, STATE_NAMES
 from np_evaluation.calibration_trial.board_recording import record_rests
 from np_evaluation.calibration_trial.board_scene import BoardScene, hand_mount, table_mount
 from np_evaluation.calibration_trial.trial import card_errors, true_view
-from np_perception.calibration.board import Board, BoardError, Detection
-from np_perception.calibration.evidence import RESTING, CalibrationRefused, averaged, find_rests, read_evidence
+from np_perception.calibration.board import Board, BoardDetection, BoardError
+from np_perception.calibration.evidence import (
+    RESTING,
+    CalibrationRefusal,
+    average_detections,
+    find_still_postures,
+    read_calibration_data,
+)
 from np_perception.calibration.fitting import calibrate, keypoint_bound
 from np_perception.calibration.printing import page
 from np_perception.commands.calibrate import main
@@ -69,7 +75,7 @@ def test_the_camera_is_found_within_what_is_claimed(held, lying, tmp_path, capsy
 
 def test_what_upstream_has_turned_is_turned_back(held):
     """Images that were rectified by a rotation already give the same camera."""
-    evidence = read_evidence(held, BOARD)
+    evidence = read_calibration_data(held, BOARD)
     plain = calibrate(evidence, BOARD, NOW).calibration
     turn = matrix_from_vector(np.array([0.01, 0.02, -0.03]))
     lens = evidence.lens
@@ -79,7 +85,9 @@ def test_what_upstream_has_turned_is_turned_back(held):
             np.column_stack([(detection.pixels - (lens.cx, lens.cy)) / lens.fx, np.ones(len(detection.pixels))])
             @ turn.T
         )
-        return Detection(detection.ids, rays[:, :2] / rays[:, 2:] * lens.fx + (lens.cx, lens.cy), detection.markers)
+        return BoardDetection(
+            detection.ids, rays[:, :2] / rays[:, 2:] * lens.fx + (lens.cx, lens.cy), detection.markers
+        )
 
     other = type(evidence)(
         lens,
@@ -119,7 +127,7 @@ def test_a_board_that_is_not_printed_to_scale_is_refused_unless_accepted(held, t
 
 
 def test_too_few_views_are_refused(held):
-    evidence = read_evidence(held, BOARD)
+    evidence = read_calibration_data(held, BOARD)
     few = type(evidence)(
         evidence.lens,
         evidence.turn,
@@ -128,7 +136,7 @@ def test_too_few_views_are_refused(held):
         5,
         set(),
     )
-    with pytest.raises(CalibrationRefused, match=r"at least 8 views, got . \(5 postures at rest"):
+    with pytest.raises(CalibrationRefusal, match=r"at least 8 views, got . \(5 postures at rest"):
         calibrate(few, BOARD, NOW)
 
 
@@ -186,7 +194,7 @@ def test_every_rest_is_found(plan, seed):
         velocities += [step / 0.02] * way
         q = q + step * way
     stamps = 20_000_000 * np.arange(len(positions))
-    rests = find_rests(stamps, np.array(positions), np.array(velocities))
+    rests = find_still_postures(stamps, np.array(positions), np.array(velocities))
     assert len(rests) == len(expected)
     for rest, joints in zip(rests, expected):
         np.testing.assert_allclose(rest.joints, joints, atol=1e-4)
@@ -196,8 +204,8 @@ def test_corners_on_which_images_disagree_are_left_out():
     ids = np.arange(10)
     still, moving = np.random.default_rng(0).uniform(0, 400, (10, 2)), np.zeros((10, 2))
     moving[3] = 2.0
-    points, pixels = averaged(
-        [Detection(ids, still + k * moving, ids) for k in range(3)],
+    points, pixels = average_detections(
+        [BoardDetection(ids, still + k * moving, ids) for k in range(3)],
         BOARD,
         Lens(400, 400, 741.0, 741.0, 199.5, 199.5),
     )

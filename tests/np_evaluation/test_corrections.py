@@ -9,7 +9,13 @@ from sim2real.effects.patch import Patch, PatchEffect
 from np_control.dynamics import Dynamics
 from np_description.camera import CAMERA
 from np_description.domains import find_domain, sample_task
-from np_evaluation.corrections import FRICTION_SHARE, CorrectedDriver, CorrectedView, Foretold, corrections
+from np_evaluation.calibration_corrections import (
+    FRICTION_SHARE,
+    CompensatedArm,
+    CompensatedView,
+    SmithPredictor,
+    corrections,
+)
 from np_perception.pose_estimation import project_keypoints
 from np_sim_bridge.simulation import Measurement
 
@@ -39,7 +45,7 @@ def test_corners_are_where_the_believed_camera_would_show_them(name):
         pose, _ = sample_task(domain, np.random.default_rng(number))
         true = project_keypoints(domain, pose, CameraEffects(Patch((MOVED,))).camera)
         wanted = project_keypoints(domain, pose)
-        view = CorrectedView(corrections(Patch((MOVED,))), domain)
+        view = CompensatedView(corrections(Patch((MOVED,))), domain)
         assert np.abs(true - wanted)[:, :2].max() > 3.0  # px, that were wrong
         assert np.abs(view(true, 0) - wanted).max() < 0.1
         seen = np.zeros((8, 3))  # nothing is found: nothing is made up
@@ -47,7 +53,7 @@ def test_corners_are_where_the_believed_camera_would_show_them(name):
 
 
 def test_corners_that_come_late_are_carried_on():
-    domain, view = find_domain("wall"), CorrectedView(corrections(Patch((LATE,))), find_domain("wall"))
+    domain, view = find_domain("wall"), CompensatedView(corrections(Patch((LATE,))), find_domain("wall"))
     pose, _ = sample_task(domain, np.random.default_rng(1))
     first, speed = project_keypoints(domain, pose), 30.0  # px/s
     assert np.array_equal(view(first, 0), first)
@@ -60,7 +66,7 @@ def test_corners_that_come_late_are_carried_on():
 @pytest.mark.parametrize("effects", [(LOAD,), (ZERO,), (OFFSET,), (LOAD, ZERO, OFFSET)])
 def test_the_arm_does_what_is_asked_of_it(effects):
     patch = Patch(effects)
-    arm, driver = ArmEffects(patch, 0.002), CorrectedDriver(corrections(patch))
+    arm, driver = ArmEffects(patch, 0.002), CompensatedArm(corrections(patch))
     position = np.concatenate([arm.sense(Q, np.zeros(7), np.zeros(7))[0], np.zeros(2)])
     read = driver.read(Measurement(0, position, np.zeros(9), np.zeros(9)))
     assert np.allclose(read.position[:7], Q)
@@ -72,16 +78,16 @@ def test_the_arm_does_what_is_asked_of_it(effects):
 
 
 def test_where_nothing_is_to_be_corrected_nothing_is_touched():
-    driver = CorrectedDriver(corrections(Patch()))
+    driver = CompensatedArm(corrections(Patch()))
     measured = Measurement(0, np.arange(9.0), np.ones(9), np.zeros(9))
     torque = np.linspace(-2, 3, 7)
     assert driver.read(measured) is measured and driver.drive(torque, measured.position[:7], np.ones(7)) is torque
-    told = CorrectedDriver(corrections(Patch((PatchEffect("torque_offset", "panda_joint2", {"offset": 1.0}),))))
+    told = CompensatedArm(corrections(Patch((PatchEffect("torque_offset", "panda_joint2", {"offset": 1.0}),))))
     assert told.read(measured) is not measured and (told.drive(torque, np.zeros(7), np.zeros(7)) != torque).sum() == 1
 
 
 def test_friction_is_met_along_the_motion_and_never_in_full():
-    driver = CorrectedDriver(corrections(Patch((FRICTION,))))
+    driver = CompensatedArm(corrections(Patch((FRICTION,))))
     fast, still = np.full(7, 0.5), np.zeros(7)
     more = driver.drive(np.full(7, -3.0), Q, fast) + 3.0
     assert more[5] == pytest.approx(2.0 * FRICTION_SHARE, rel=1e-3) and not np.delete(more, 5).any()
@@ -94,7 +100,7 @@ def test_the_state_is_foretold_to_when_a_command_acts(blocked):
     """3.5 periods late; a push that nobody knows of; or against a wall, where commands move nothing."""
     dynamics, period, rng = Dynamics(), 0.002, np.random.default_rng(2)
     inverse = np.linalg.inv(dynamics.mass_matrix(Q))
-    foretold, commands = Foretold(3.5 * period, dynamics), [np.zeros(7)] * 5
+    foretold, commands = SmithPredictor(3.5 * period, dynamics), [np.zeros(7)] * 5
     q, dq, push = Q.copy(), np.zeros(7), np.full(7, 0.4)
     states, said = [], []
     for number in range(200):

@@ -12,7 +12,7 @@ from np_description.contact.penetration import kind_of
 from np_description.domains import WALL
 from np_description.force_reflex import FORCE_REFLEX, STOP, filter_step, hand_wrench
 from np_description.mujoco_engine import MujocoEngine
-from np_evaluation.in_process import OneProcess
+from np_evaluation.in_process import InProcessRollout
 from np_evaluation.scoring import summary
 from np_sim_bridge.simulation import Simulation
 
@@ -57,7 +57,7 @@ def played():
             estimated.append(self.wrench)
 
         patch.setattr(Simulation, "step", kept)
-        result = OneProcess(WALL, "mujoco", seed=5).play(0)
+        result = InProcessRollout(WALL, "mujoco", seed=5).play(0)
     filtered, true = np.zeros(6), []
     for q, torque in Solved.episode:
         filtered = filter_step(filtered, hand_wrench(torque, jacobian(q)), PERIOD)
@@ -85,7 +85,7 @@ def test_a_row_says_the_force_the_body_and_the_stops_and_a_summary_those_of_all(
 
 
 def test_a_stop_ends_the_episode_as_a_fault(played):
-    stopped = OneProcess(WALL, "mujoco", seed=5, force_reflex=STOP).play(0)
+    stopped = InProcessRollout(WALL, "mujoco", seed=5, force_reflex=STOP).play(0)
     assert not stopped.success and stopped.declared == stopped.failed_in == "fault"
     assert stopped.reason.startswith("reflex: force") and stopped.duration < played[0].duration
     assert stopped.force["force_n"]["max"] > FORCE_REFLEX.force

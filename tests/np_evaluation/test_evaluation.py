@@ -11,11 +11,11 @@ from packages import packages_of, sources
 
 from np_bringup.task_graph import task_graph
 from np_common.intervals import wilson_interval
-from np_description.objects.choice import portable, recorded_domain
+from np_description.objects.choice import embed_object_text, read_domain
 from np_evaluation import run_episodes as playing
 from np_evaluation.commands import demo
 from np_evaluation.commands import evaluate as command
-from np_evaluation.results import Part, Results, split
+from np_evaluation.results import PartialResults, Results, split_runs
 from np_evaluation.scoring import CODE, breakdown, code_sha256, result_of, summary
 from np_record.outcome import Outcome
 
@@ -66,7 +66,7 @@ def test_parts_of_other_processes_are_collected_and_what_a_killed_run_left_of_th
     results.add(good(1))
     assert results.missing(5) == [range(0, 1), range(2, 5)] and results.missing(2) == [range(0, 1)]
     for numbers in (range(0, 1), range(2, 5)):
-        part = Part(results.part(numbers))
+        part = PartialResults(results.part(numbers))
         for number in numbers:
             part.add(good(number))
     assert results.finished() == 5 and [r.episode for r in results.results] == [1]
@@ -81,7 +81,7 @@ def test_parts_of_other_processes_are_collected_and_what_a_killed_run_left_of_th
 
 def test_the_part_of_a_lost_process_is_gone_on_with(tmp_path, monkeypatch):
     part = Results(tmp_path, SETTINGS).part(range(2, 7))
-    lost = Part(part)
+    lost = PartialResults(part)
     lost.add(good(2))
     lost.add(good(3))
     part.write_text(part.read_text()[:-30])
@@ -96,7 +96,7 @@ def test_every_missing_episode_is_given_to_one_process(there, jobs):
     results = Results.__new__(Results)
     results._by_number = dict.fromkeys(there)
     runs = results.missing(40)
-    parts = split(runs, jobs)
+    parts = split_runs(runs, jobs)
     assert sorted(n for part in parts for n in part) == sorted(set(range(40)) - there)
     assert len({n for part in parts for n in part}) == sum(map(len, parts))
     assert all(len(part) <= -(-sum(map(len, runs)) // jobs) for part in parts)
@@ -243,14 +243,14 @@ def test_a_file_of_an_object_is_read_once_and_goes_to_every_node_that_knows_size
     path = tmp_path / "tea.yaml"
     path.write_text("{name: tea, domain: card, size: [0.06, 0.07, 0.006], mass: 0.012, surface: paper}")
     options = command.parse(["--object", str(path)])
-    assert options.object == demo.parse(["--object", str(path)]).object == portable("card", str(path))
+    assert options.object == demo.parse(["--object", str(path)]).object == embed_object_text("card", str(path))
     path.unlink()
     graph = {node.name: node.parameters for node in task_graph({"object": options.object, "bag": "b", "scenario": "2"})}
     told = {name for name, parameters in graph.items() if parameters.get("object") == options.object}
     assert told == {"sim_bridge", "pre_contact", "approach", "post_contact", "episode"}
     assert graph["sim_bridge"]["scenario"] == 2
     kept = json.loads(graph["recorder"]["run_info"])
-    assert recorded_domain(kept).half_size == (0.03, 0.035, 0.003)
+    assert read_domain(kept).half_size == (0.03, 0.035, 0.003)
 
 
 @pytest.mark.parametrize("tool", (command, demo), ids=("evaluate", "demo"))

@@ -7,8 +7,8 @@ import pytest
 from sim2real.effects.patch import Patch, PatchEffect
 
 from np_description.domains import WALL, Pose
-from np_evaluation.in_process import Eyes, OneProcess
-from np_evaluation.keypoint_projector import DetectorEyes
+from np_evaluation.in_process import InProcessRollout, KeypointProjector
+from np_evaluation.keypoint_projector import DetectedKeypoints
 from np_planning.rrt import PlanningError
 from np_policy.action import PolicyError
 from np_policy.episode import EpisodeConfig
@@ -20,11 +20,11 @@ LATE = Patch((PatchEffect("camera_latency", "camera", {"delay": 0.3}),))
 @pytest.fixture(scope="module")
 def first():
     """An episode as it should be."""
-    return OneProcess(WALL, "mujoco", seed=3).play(0)
+    return InProcessRollout(WALL, "mujoco", seed=3).play(0)
 
 
 def test_an_episode_succeeds_and_is_the_same_again(first):
-    again = OneProcess(WALL, "mujoco", seed=3).play(0)
+    again = InProcessRollout(WALL, "mujoco", seed=3).play(0)
     assert first.success and first.declared == "succeeded" and first.contacts == 1 and 3 < first.duration < 20
     assert (first.distance, first.angle, first.duration) == (again.distance, again.angle, again.duration)
 
@@ -33,12 +33,12 @@ def test_a_patch_changes_an_episode(first, monkeypatch):
     weak = Patch((PatchEffect("gripper_friction", "contact", {"relative": -0.85}),))
     short = partial(EpisodeConfig, post_timeout=2 * first.duration)
     monkeypatch.setattr("np_evaluation.in_process.EpisodeConfig", short)
-    weaker = OneProcess(WALL, "mujoco", seed=3, patch=weak).play(0)
+    weaker = InProcessRollout(WALL, "mujoco", seed=3, patch=weak).play(0)
     assert first.success and not weaker.success and weaker.reason == "post: timeout"
 
 
 def test_a_plan_that_is_refused_ends_the_episode_in_words(monkeypatch):
-    played = OneProcess(WALL, "mujoco")
+    played = InProcessRollout(WALL, "mujoco")
 
     def refuse(*arguments, **options):
         raise PlanningError("no path found")
@@ -49,7 +49,7 @@ def test_a_plan_that_is_refused_ends_the_episode_in_words(monkeypatch):
 
 
 def test_without_targets_the_arm_stays_until_the_time_is_over(monkeypatch):
-    played = OneProcess(WALL, "mujoco")
+    played = InProcessRollout(WALL, "mujoco")
 
     def refuse(*arguments):
         raise PolicyError("no action")
@@ -61,7 +61,7 @@ def test_without_targets_the_arm_stays_until_the_time_is_over(monkeypatch):
 
 
 def test_an_object_that_was_thrown_behind_the_camera_is_not_seen(monkeypatch):
-    arm, eyes = Simulation(WALL, seed=0), Eyes(WALL, Patch(), 0)
+    arm, eyes = Simulation(WALL, seed=0), KeypointProjector(WALL, Patch(), 0)
     eyes.look(arm)
     assert eyes.seen(0)[:, 2].all()
     thrown = Pose(np.array([1.85, -0.3, 0.05]), np.array([1.0, 0.0, 0.0, 0.0]))
@@ -81,7 +81,7 @@ class Slides:
 
 def test_eyes_that_are_late_see_what_was():
     def at(stamp, patch):
-        arm, eyes = Slides(), Eyes(WALL, patch, 0)
+        arm, eyes = Slides(), KeypointProjector(WALL, patch, 0)
         for arm.stamp in range(0, stamp + 1, 2_000_000):
             eyes.look(arm)
         return eyes.seen(stamp)
@@ -94,7 +94,7 @@ def test_eyes_that_are_late_see_what_was():
 def test_images_show_what_true_corners_say():
     arm = Simulation(WALL, seed=0)
     seen = []
-    for eyes in (Eyes(WALL, Patch(), 0), DetectorEyes(WALL, Patch(), 0)):
+    for eyes in (KeypointProjector(WALL, Patch(), 0), DetectedKeypoints(WALL, Patch(), 0)):
         eyes.look(arm)
         seen.append(eyes.seen(arm.stamp))
     true, found = seen

@@ -11,14 +11,14 @@ from np_description.objects.table import ROWS
 from np_evaluation.commands import evaluate
 from np_evaluation.commands import table3 as command
 from np_evaluation.paper_table import (
-    Cell,
-    Played,
-    Setting,
-    cells,
+    CellResult,
+    TableCell,
+    TableSettings,
     episodes,
-    play,
-    rows,
-    totals,
+    play_cell,
+    table_cells,
+    table_rows,
+    table_totals,
 )
 from np_evaluation.paper_table_plot import table_plot
 from np_evaluation.results import Results
@@ -27,14 +27,14 @@ from np_record.outcome import Outcome
 
 
 def test_the_whole_table_has_21_objects_in_three_scenarios():
-    asked = cells(DOMAINS, [])
+    asked = table_cells(DOMAINS, [])
     assert len({(c.domain, c.object) for c in asked}) == 21 and len(asked) == 63
     assert len({c.folder for c in asked}) == len(asked)
 
 
 def test_an_object_that_no_row_has_is_refused():
     with pytest.raises(ValueError, match="expected rows of wall, got brick, tissue"):
-        cells(["wall"], ["sponge", "tissue", "brick"])
+        table_cells(["wall"], ["sponge", "tissue", "brick"])
 
 
 def test_the_papers_own_rate_is_what_it_prints():
@@ -54,20 +54,20 @@ DEEP, DEEPER = (
     for depth in (17.5, 30)
 )
 PLAYED = [
-    Played(Cell("wall", "default", 1), results(5)),
-    Played(Cell("wall", "default", 2), results(3, LATE, LATE)),
-    Played(Cell("wall", "default", 3), error="no weights"),
-    Played(Cell("wall", "sponge", 1), results(1, LATE, DEEP, DEEPER, LATE)),
+    CellResult(TableCell("wall", "default", 1), results(5)),
+    CellResult(TableCell("wall", "default", 2), results(3, LATE, LATE)),
+    CellResult(TableCell("wall", "default", 3), error="no weights"),
+    CellResult(TableCell("wall", "sponge", 1), results(1, LATE, DEEP, DEEPER, LATE)),
 ]
 
 
 def test_rows_and_totals_count_what_was_played():
-    default, sponge = rows(PLAYED)
+    default, sponge = table_rows(PLAYED)
     assert (default["successes"], default["episodes"], default["success"]) == (8, 10, 0.8)
     assert default["scenarios"] == {"1": [5, 5], "2": [3, 5], "3": [0, 0]}
     assert default["errors"] == ["scenario 3: no weights"] and default["paper_successes"] == 13
     assert default["ci95"][0] < 0.8 < default["ci95"][1]
-    total = totals(PLAYED)
+    total = table_totals(PLAYED)
     assert total["ours"] == total["ours wall"]
     assert (total["ours"]["successes"], total["ours"]["episodes"]) == (9, 15)
     assert total["ours"]["failures"] == {"approach": 2, "post": 4}
@@ -76,8 +76,10 @@ def test_rows_and_totals_count_what_was_played():
 
 def test_what_the_graph_said_of_failures_is_counted_without_its_numbers():
     wrong = Outcome("succeeded", "", 0.03, 0.2, False, 9.0)
-    played = Played(Cell("wall", "sponge", 1), (*results(1, LATE, DEEP, DEEPER, wrong), breakdown(5, "node died", 2.0)))
-    assert totals([played])["ours"]["reasons"] == {
+    played = CellResult(
+        TableCell("wall", "sponge", 1), (*results(1, LATE, DEEP, DEEPER, wrong), breakdown(5, "node died", 2.0))
+    )
+    assert table_totals([played])["ours"]["reasons"] == {
         "approach: unreachable: panda_finger# is # mm deep in object": 2,
         "post: timeout": 1,
         "declared a success and was none": 1,
@@ -93,8 +95,8 @@ def test_every_episode_is_told_with_its_cell():
 
 
 def test_it_is_printed_and_drawn_row_by_row():
-    table = {"rows": rows(PLAYED)}
-    lines = command.printed(table).splitlines()
+    table = {"rows": table_rows(PLAYED)}
+    lines = command.format_table(table).splitlines()
     assert lines[0].split() == "scenario 1 scenario 2 scenario 3 all rate, 95 % paper".split()
     assert lines[1].split() == "wall default 5/5 3/5 0/0 8/10 0.80 (0.49 to 0.94) 13/15".split()
     assert lines[2] == "  scenario 3: no weights"
@@ -104,18 +106,18 @@ def test_it_is_printed_and_drawn_row_by_row():
 
 def test_what_the_first_contact_was_worth_stands_beside_the_rate():
     again = replace(results(1)[0], episode=5, contacts=2)
-    played = Played(Cell("wall", "wood", 1), (*results(3, LATE), again))
-    (row,) = rows([played])
+    played = CellResult(TableCell("wall", "wood", 1), (*results(3, LATE), again))
+    (row,) = table_rows([played])
     assert row["success"] == 0.8 and row["first_contact"]["success"] == 0.6
-    (head, line) = command.printed({"rows": [row]}).splitlines()
+    (head, line) = command.format_table({"rows": [row]}).splitlines()
     assert (
         "first contact" in head and line.split()[2:] == "4/5 4/5 0.80 (0.38 to 0.96) 0.60 (0.23 to 0.88) 9/15".split()
     )
-    assert "first contact" not in command.printed({"rows": rows(PLAYED)})
+    assert "first contact" not in command.format_table({"rows": table_rows(PLAYED)})
 
 
 def test_a_cell_is_an_evaluation_with_everything_that_was_asked_for(tmp_path, monkeypatch):
-    setting = Setting("physx", "truth", 2, 7, tmp_path, "", contacts=3)
+    setting = TableSettings("physx", "truth", 2, 7, tmp_path, "", contacts=3)
     asked = []
 
     def run(given, **streams):
@@ -126,8 +128,8 @@ def test_a_cell_is_an_evaluation_with_everything_that_was_asked_for(tmp_path, mo
         return subprocess.CompletedProcess(given, 0, json.dumps({"results": str(file.path)}))
 
     monkeypatch.setattr(subprocess, "run", run)
-    monkeypatch.setattr("np_evaluation.commands.episodes_asked.missing", lambda: "")
-    played = play(Cell("bump", "sponge", 2), setting)
+    monkeypatch.setattr("np_evaluation.commands.episode_options.missing", lambda: "")
+    played = play_cell(TableCell("bump", "sponge", 2), setting)
     assert [result.episode for result in played.results] == [0, 1] and played.successes == 2
     (options,) = asked
     assert (options.engine, options.keypoints, options.contacts, options.episodes) == ("physx", "truth", 3, 2)
@@ -138,13 +140,13 @@ def test_what_there_is_of_a_table_that_was_broken_off_is_shown(tmp_path, capsys)
     """Episodes of a cell that was not finished too; of two results of a cell the later one; never of two codes at once."""
     place = tmp_path / "mujoco_camera_0"
 
-    def leave(cell: Cell, successes: int, code: str) -> None:
+    def leave(cell: TableCell, successes: int, code: str) -> None:
         file = Results(place / cell.folder, {"domain": cell.domain, "code_sha256": code, "revision": code[:1]})
         for result in results(successes):
             file.add(result)
 
-    leave(Cell("wall", "sponge", 2), 2, "abc")
-    leave(Cell("wall", "wood", 1), 1, "abc")
+    leave(TableCell("wall", "sponge", 2), 2, "abc")
+    leave(TableCell("wall", "wood", 1), 1, "abc")
     show = ["--show", "--domains", "wall", "--tries", "5", "--out", str(tmp_path)]
     assert command.main(show) == 0
     said = capsys.readouterr().out.splitlines()
@@ -152,7 +154,7 @@ def test_what_there_is_of_a_table_that_was_broken_off_is_shown(tmp_path, capsys)
     assert last["totals"]["ours"]["episodes"] == 3 and last["code_sha256"] == "abc" and last["revision"] == "a"
     assert any(line.startswith("wall sponge") and "2/2" in line for line in said)
     assert sum("not played" in line for line in said) == 5
-    leave(Cell("wall", "default", 1), 1, "xyz")
+    leave(TableCell("wall", "default", 1), 1, "xyz")
     assert command.main(show) == 1
     assert "expected cells of the same code and weights" in capsys.readouterr().err
 
@@ -166,14 +168,14 @@ def test_what_no_run_can_have_is_refused(main, option, capsys):
 
 
 def test_scenarios_that_were_not_asked_for_are_not_played():
-    assert [cell.scenario for cell in cells(["wall"], ["sponge"], [3, 1, 3])] == [1, 3]
+    assert [cell.scenario for cell in table_cells(["wall"], ["sponge"], [3, 1, 3])] == [1, 3]
 
 
 def test_a_cell_that_cannot_be_played_says_why_and_the_command_fails(tmp_path, capsys):
     empty = tmp_path / "weights"
     empty.mkdir()
-    setting = Setting("mujoco", "truth", 1, 0, tmp_path, str(empty))
-    played = play(Cell("wall", "default", 1), setting)
+    setting = TableSettings("mujoco", "truth", 1, 0, tmp_path, str(empty))
+    played = play_cell(TableCell("wall", "default", 1), setting)
     assert not played.results and "weights" in played.error and played.error.startswith("evaluate: ")
     options = ["--domains", "wall", "--objects", "default", "--weights", str(empty), "--out", str(tmp_path / "table")]
     assert command.main([*options, "--jobs", "1", "--tries", "1", "--scenarios", "1"]) == 1

@@ -13,12 +13,13 @@ from sim2real.effects.patch import Patch, PatchEffect, load_patch
 
 from np_evaluation.commands import finetune as command
 from np_evaluation.commands.finetune import parse
-from np_evaluation.finetune import playing, stages
-from np_evaluation.finetune.learning import Learning, carried
+from np_evaluation.finetune import rollouts as playing
+from np_evaluation.finetune import stages
+from np_evaluation.finetune.learning import Learning, split_trainable
 from np_evaluation.finetune.page import render, sentence
-from np_evaluation.finetune.playing import Cell, patch_of, play_all, text_of
-from np_evaluation.finetune.shares import joined, parts, shapley, subsets, with_intervals
-from np_evaluation.finetune.stages import Rehearsal, rehearse
+from np_evaluation.finetune.rollouts import RolloutCell, patch_of, run_all_rollouts, text_of
+from np_evaluation.finetune.shapley_values import join_patches, shapley, split_patch, subsets, with_intervals
+from np_evaluation.finetune.stages import FinetuneSettings, run_finetune
 
 CAMERA = PatchEffect("camera_extrinsics", "camera", {"x": 0.0, "y": 0.01})
 TABLE = PatchEffect("table_height", "environment", {"height": 0.005})
@@ -46,9 +47,9 @@ class TestShares:
 
     def test_many_effects_are_blamed_by_kind_then_by_module(self):
         joints = [replace(FRICTION, component=f"panda_joint{k}") for k in range(1, 8)]
-        assert set(parts(BOTH)) == {"coulomb_friction at panda_joint4", "gripper_friction at contact"}
-        assert set(parts(Patch((*joints, GRIP)))) == {"coulomb_friction", "gripper_friction"}
-        whole = joined(parts(Patch((*joints, GRIP))), frozenset({"coulomb_friction"}))
+        assert set(split_patch(BOTH)) == {"coulomb_friction at panda_joint4", "gripper_friction at contact"}
+        assert set(split_patch(Patch((*joints, GRIP)))) == {"coulomb_friction", "gripper_friction"}
+        whole = join_patches(split_patch(Patch((*joints, GRIP))), frozenset({"coulomb_friction"}))
         assert whole.effects == tuple(joints)
 
 
@@ -60,13 +61,13 @@ class TestPlaying:
             asked.extend(numbers)
             return [number != 3 for number in numbers]
 
-        monkeypatch.setattr(playing, "play", play)
-        cells = {"nominal": Cell("wall")}
-        assert play_all(cells, 4, tmp_path, Here()) == {"nominal": [True, True, True, False]}
-        assert play_all(cells, 7, tmp_path, Here())["nominal"] == [True, True, True, False, True, True, True]
+        monkeypatch.setattr(playing, "run_rollouts", play)
+        cells = {"nominal": RolloutCell("wall")}
+        assert run_all_rollouts(cells, 4, tmp_path, Here()) == {"nominal": [True, True, True, False]}
+        assert run_all_rollouts(cells, 7, tmp_path, Here())["nominal"] == [True, True, True, False, True, True, True]
         assert asked == [*range(7)]
-        with pytest.raises(ValueError, match="expected scores of Cell"):
-            play_all({"nominal": Cell("bump")}, 4, tmp_path, Here())
+        with pytest.raises(ValueError, match="expected scores of RolloutCell"):
+            run_all_rollouts({"nominal": RolloutCell("bump")}, 4, tmp_path, Here())
 
     def test_where_an_episode_raises_the_others_are_kept(self, tmp_path, monkeypatch):
         def play(cell, numbers):
@@ -83,24 +84,24 @@ class TestPlaying:
                     failed.set_exception(error)
                     return failed
 
-        monkeypatch.setattr(playing, "play", play)
+        monkeypatch.setattr(playing, "run_rollouts", play)
         with pytest.raises(RuntimeError, match="a fault"):
-            play_all({"nominal": Cell("wall")}, 6, tmp_path, Pool())
+            run_all_rollouts({"nominal": RolloutCell("wall")}, 6, tmp_path, Pool())
         assert list(json.loads((tmp_path / "nominal.json").read_text())["score"]) == ["2", "3", "4", "5"]
 
     def test_a_patch_comes_back_from_its_text(self):
         assert patch_of(text_of(BOTH)) == BOTH and text_of(Patch()) == "" and patch_of("") == Patch()
 
     def test_an_episode_is_played_with_what_the_cell_says(self):
-        cell = Cell("wall", effects=text_of(Patch((replace(GRIP, parameters={"relative": -0.85}),))), seed=3)
-        assert 0.5 < playing.play(replace(cell, effects=""), [0])[0] <= 1.0
-        assert playing.play(cell, [0]) == [0.0]
+        cell = RolloutCell("wall", effects=text_of(Patch((replace(GRIP, parameters={"relative": -0.85}),))), seed=3)
+        assert 0.5 < playing.run_rollouts(replace(cell, effects=""), [0])[0] <= 1.0
+        assert playing.run_rollouts(cell, [0]) == [0.0]
 
 
 @pytest.fixture
 def told(tmp_path, monkeypatch):
     """A rehearsal with a stand-in for episodes and for training."""
-    monkeypatch.setattr(playing, "play", losing({"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
+    monkeypatch.setattr(playing, "run_rollouts", losing({"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
 
     def learn(domain, patch, out, how, *rest):
         rows = ["elapsed,success,episodes", "0,0.5,10", "60,0.9,10"]
@@ -109,9 +110,9 @@ def told(tmp_path, monkeypatch):
         weights = {"weights": str(out / "new"), "weights_old_student": str(out / "old")}
         return {**weights, "device": "cpu", "train": {"wall_s": 60.0}}
 
-    monkeypatch.setattr(stages, "learn", learn)
-    reality = Cell("wall", "physx", text_of(BOTH))
-    return rehearse(Rehearsal(Cell("wall"), tmp_path, reality, 20, 20), BOTH, Learning(1.0), Here())
+    monkeypatch.setattr(stages, "train_and_distill", learn)
+    reality = RolloutCell("wall", "physx", text_of(BOTH))
+    return run_finetune(FinetuneSettings(RolloutCell("wall"), tmp_path, reality, 20, 20), BOTH, Learning(1.0), Here())
 
 
 class TestStages:
@@ -131,28 +132,36 @@ class TestStages:
             assert begun.wait(10)
             return [True for _ in numbers]
 
-        monkeypatch.setattr(playing, "play", play)
-        monkeypatch.setattr(stages, "learn", lambda *given: begun.set() or {**WEIGHTS, "device": "cuda 0"})
-        told = rehearse(Rehearsal(Cell("wall"), tmp_path, None, 4, 4, beside=True), BOTH, Learning(1.0, 0), Here())
+        monkeypatch.setattr(playing, "run_rollouts", play)
+        monkeypatch.setattr(stages, "train_and_distill", lambda *given: begun.set() or {**WEIGHTS, "device": "cuda 0"})
+        told = run_finetune(
+            FinetuneSettings(RolloutCell("wall"), tmp_path, None, 4, 4, beside=True), BOTH, Learning(1.0, 0), Here()
+        )
         assert told["learned"]["device"] == "cuda 0"
 
     def test_policies_that_are_no_better_are_not_taken(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(playing, "play", losing({"gripper_friction": (5, 6)}))
-        monkeypatch.setattr(stages, "learn", lambda *given: {**WEIGHTS, "device": "cpu", "train": {"wall_s": 1.0}})
-        reality = Cell("wall", "physx", text_of(BOTH))
-        told = rehearse(Rehearsal(Cell("wall"), tmp_path, reality, 10, 10), BOTH, Learning(1.0), Here())
+        monkeypatch.setattr(playing, "run_rollouts", losing({"gripper_friction": (5, 6)}))
+        monkeypatch.setattr(
+            stages, "train_and_distill", lambda *given: {**WEIGHTS, "device": "cpu", "train": {"wall_s": 1.0}}
+        )
+        reality = RolloutCell("wall", "physx", text_of(BOTH))
+        told = run_finetune(
+            FinetuneSettings(RolloutCell("wall"), tmp_path, reality, 10, 10), BOTH, Learning(1.0), Here()
+        )
         assert told["cause"] == "gripper_friction at contact"  # the other one costs nothing
         assert told["kept"] == "before" and told["success_after"] == told["success_before"] == 0.8
         assert "keep the old ones" in sentence(told)
 
     def test_without_a_gap_nothing_is_trained(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(playing, "play", losing({}))
-        told = rehearse(Rehearsal(Cell("wall"), tmp_path, None, 10, 10), Patch(), Learning(1.0), Here())
+        monkeypatch.setattr(playing, "run_rollouts", losing({}))
+        told = run_finetune(
+            FinetuneSettings(RolloutCell("wall"), tmp_path, None, 10, 10), Patch(), Learning(1.0), Here()
+        )
         assert told["weights"] is None and told["cause"] is None and told["success_before"] is None
         assert sentence(told) == "The doctor found no gap: there is nothing to train for."
 
     def test_what_training_does_not_have_is_left_out_of_it_in_words(self):
-        patch, left = carried(Patch((CAMERA, TABLE)))
+        patch, left = split_trainable(Patch((CAMERA, TABLE)))
         assert patch == Patch((CAMERA,)) and left == ["table_height at environment"]
 
     def test_the_page_says_it_in_words(self, told, tmp_path):
@@ -180,7 +189,7 @@ class TestStages:
 
         monkeypatch.setattr(learning, "_run", run)
         (tmp_path / "patch.yaml").write_text(text_of(BOTH))
-        told = learning.learn("wall", Patch((GRIP,)), tmp_path, Learning(1.0))
+        told = learning.train_and_distill("wall", Patch((GRIP,)), tmp_path, Learning(1.0))
         assert load_patch(tmp_path / "patch.yaml") == BOTH
         assert load_patch(told["train"]["effects"]) == load_patch(told["distil"]["effects"]) == Patch((GRIP,))
         assert (tmp_path / "weights_old_student" / "post_contact_wall.safetensors").read_bytes() == b"new"
@@ -216,11 +225,11 @@ class TestStages:
         monkeypatch.setattr(stages, "_has_keypoints", lambda bag: False)
         bags, out = [tmp_path / f"bag_{number}" for number in range(3)], tmp_path / "out"
         with pytest.raises(OSError, match="refuses"):
-            stages.diagnosed(bags[:1], out)
+            stages.diagnose_bags(bags[:1], out)
         for _ in range(2):
-            assert stages.diagnosed(bags[1:2], out) == BOTH
+            assert stages.diagnose_bags(bags[1:2], out) == BOTH
         with pytest.raises(ValueError, match="expected the recordings that it is of, .*bag_1, got others: .*--out"):
-            stages.diagnosed(bags[2:], out)
+            stages.diagnose_bags(bags[2:], out)
         assert len(asked) == 2
 
     @pytest.mark.parametrize(
@@ -238,7 +247,7 @@ class TestStages:
         def diagnosed(bags, out):
             raise OSError("asked")
 
-        monkeypatch.setattr(command, "diagnosed", diagnosed)
+        monkeypatch.setattr(command, "diagnose_bags", diagnosed)
         bag = record_episode(tmp_path / "bag", 50, information=said)
         assert command.main([str(bag), "--domain", domain, "--out", str(tmp_path / "out")]) == 1
         assert error in json.loads(capsys.readouterr().out.splitlines()[-1])["error"]

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from np_control.impedance import STIFFNESS_MAX
-from np_description.calibration import Calibration, Errors, Lens
-from np_franka.checklist import Checklist, Facts
+from np_description.calibration import Calibration, CalibrationErrors, Lens
+from np_franka.checklist import Checklist, RobotFacts
 from np_franka.limits import FR3_LIMITS
 from np_franka.timing import LONGEST, RESOLUTION, CycleTimes
 
 NOW = datetime(2026, 11, 21, tzinfo=UTC)
-GOOD = Facts("Idle", "", 0.73, 0.0)
+GOOD = RobotFacts("Idle", "", 0.73, 0.0)
 CHECKLIST = Checklist("none", timedelta(days=30), STIFFNESS_MAX, np.ones(7), FR3_LIMITS)
 
 
@@ -27,7 +27,7 @@ def calibration(folder, made):
         np.array([1, 0, 1]),
         np.array([1, 0, 0, 0]),
         np.eye(6) * 1e-6,
-        Errors(1e-3, 1e-3, 0.5, 0.2, 20, 500),
+        CalibrationErrors(1e-3, 1e-3, 0.5, 0.2, 20, 500),
     ).save(folder / "calibration.yaml")
     return str(folder / "calibration.yaml")
 
@@ -81,7 +81,7 @@ def test_a_calibration_must_be_named_readable_and_fresh(tmp_path):
 
 
 def test_all_that_is_wrong_is_said_at_once():
-    assert len(replace(CHECKLIST, calibration="").problems(Facts("Guiding", "", 0.0, 0.0), NOW)) == 3
+    assert len(replace(CHECKLIST, calibration="").problems(RobotFacts("Guiding", "", 0.0, 0.0), NOW)) == 3
 
 
 @given(st.lists(st.floats(1e-4, 0.2), min_size=1, max_size=200), st.floats(0, 100))

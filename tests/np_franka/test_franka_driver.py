@@ -11,8 +11,8 @@ from np_control.safety import Refusal, State
 from np_description.force_reflex import FORCE_REFLEX
 from np_description.panda import JOINT_NAMES, NOMINAL
 from np_franka.arm import Arm
-from np_franka.checklist import Checklist, Facts
-from np_franka.client import MILLISECOND, ArmError, Lost, Reading
+from np_franka.checklist import Checklist, RobotFacts
+from np_franka.client import MILLISECOND, ArmError, ArmReading, ConnectionLost
 from np_franka.driver import Driver
 from np_franka.limits import FR3_LIMITS
 
@@ -28,7 +28,7 @@ class Robot:
 
     def __init__(self):
         self.written, self.is_gone, self.time = [], False, 0
-        self.facts_said = Facts("Idle", "", NOMINAL.inertials["hand"].mass, 0.0)
+        self.facts_said = RobotFacts("Idle", "", NOMINAL.inertials["hand"].mass, 0.0)
         self.dq = STILL
         self.is_controlled = False
 
@@ -44,9 +44,9 @@ class Robot:
 
     def read(self):
         if self.is_gone:
-            raise Lost("connection to the robot: UDP receive: Timeout")
+            raise ConnectionLost("connection to the robot: UDP receive: Timeout")
         self.time += MILLISECOND
-        return Reading(self.time, NOMINAL.ready, self.dq, STILL, STILL, STILL, STILL, "Move", "", 1.0)
+        return ArmReading(self.time, NOMINAL.ready, self.dq, STILL, STILL, STILL, STILL, "Move", "", 1.0)
 
     def write(self, torque, last):
         self.written.append((torque, last))

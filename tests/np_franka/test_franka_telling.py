@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from np_control.safety import State
-from np_franka.telling import PASSING, TOLD_EVERY, Telling
+from np_franka.state_throttle import PASSING, TOLD_EVERY, StateChangeThrottle
 
 CYCLE = 1_000_000  # ns
 LASTING = TOLD_EVERY // CYCLE
@@ -19,7 +19,7 @@ def told(telling, states):
 @given(stretches)
 def test_what_lasts_is_told_and_what_does_not_pass_is_told_at_once(parts):
     states = [state for state, cycles in parts for _ in range(cycles)]
-    said = dict(told(Telling(), states))
+    said = dict(told(StateChangeThrottle(), states))
     known, begin = None, 0
     for n, state in enumerate(states):
         begin = n if n == 0 or states[n - 1] != state else begin
@@ -30,7 +30,7 @@ def test_what_lasts_is_told_and_what_does_not_pass_is_told_at_once(parts):
 @given(stretches)
 def test_moving_and_holding_in_turn_are_told_ten_times_a_second(parts):
     states = [state for state, cycles in parts for _ in range(cycles)]
-    said = told(Telling(), states)
+    said = told(StateChangeThrottle(), states)
     for (n, before), (m, after) in zip(said, said[1:]):
         assert before != after
         assert m - n >= LASTING or {before, after} != set(PASSING)
@@ -38,11 +38,16 @@ def test_moving_and_holding_in_turn_are_told_ten_times_a_second(parts):
 
 def test_a_hold_that_begins_at_once_is_told_before_silence_ends_it():
     states = [State.READY] + 8 * [State.MOVING] + 192 * [State.HOLDING] + [State.STOPPED]
-    assert [state for _, state in told(Telling(), states)] == [State.READY, State.MOVING, State.HOLDING, State.STOPPED]
+    assert [state for _, state in told(StateChangeThrottle(), states)] == [
+        State.READY,
+        State.MOVING,
+        State.HOLDING,
+        State.STOPPED,
+    ]
 
 
 def test_another_cause_of_the_same_state_is_told():
-    telling = Telling()
+    telling = StateChangeThrottle()
     assert telling.is_due(0, State.FAULT, "a reflex")
     assert not telling.is_due(CYCLE, State.FAULT, "a reflex")
     assert telling.is_due(2 * CYCLE, State.FAULT, "the connection")

@@ -4,7 +4,7 @@ from threading import Event
 
 import pytest
 
-from np_franka.turnstile import Turnstile
+from np_franka.callback_loop import CallbackLoopAdapter
 
 
 def raising(error):
@@ -31,7 +31,7 @@ def once(callback):
     ],
 )
 def test_whatever_ends_the_loop_is_raised_by_every_read_from_then_on(loop, words):
-    turn = Turnstile(loop)
+    turn = CallbackLoopAdapter(loop)
     assert turn.read() == "state"
     turn.write("torques")
     for _ in range(2):
@@ -42,22 +42,22 @@ def test_whatever_ends_the_loop_is_raised_by_every_read_from_then_on(loop, words
 
 @pytest.mark.parametrize("error", [RuntimeError("reflex"), TypeError("reflex")])
 def test_what_goes_wrong_at_the_end_is_raised_by_finish(error):
-    turn = Turnstile(raising(error))
+    turn = CallbackLoopAdapter(raising(error))
     turn.read()
     with pytest.raises(RuntimeError, match="reflex"):
         turn.finish("torques")
 
 
 def test_a_loop_that_is_finished_just_returns():
-    turn = Turnstile(once)
+    turn = CallbackLoopAdapter(once)
     turn.read()
     turn.finish("torques")
 
 
 def test_a_loop_that_hangs_is_not_waited_for(monkeypatch):
-    monkeypatch.setattr("np_franka.turnstile.TIMEOUT", 0.05)
+    monkeypatch.setattr("np_franka.callback_loop.TIMEOUT", 0.05)
     over = Event()
-    turn = Turnstile(lambda _: over.wait())
+    turn = CallbackLoopAdapter(lambda _: over.wait())
     with pytest.raises(TimeoutError, match="no state within 0.05 s"):
         turn.read()
     with pytest.raises(TimeoutError, match="has not ended within 0.05 s"):

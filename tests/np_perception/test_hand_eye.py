@@ -12,7 +12,7 @@ from np_common.rotations import matrix_from_vector, vector_from_matrix
 from np_description.calibration import Lens
 from np_description.camera import CAMERA
 from np_perception.calibration.board import Board
-from np_perception.calibration.bundle import DegenerateError, Fit, Touch, View, linearise, moved
+from np_perception.calibration.bundle import BoardView, BundleFit, DegenerateError, TouchedPoint, apply_step, linearise
 from np_perception.calibration.hand_eye import check, park_martin, solve
 
 LENS = Lens(400, 400, 741.0, 741.0, 199.5, 199.5)
@@ -43,7 +43,7 @@ class Setup:
             position = self.rotation @ (centre - seen @ board.corners.mean(axis=0)) + self.position - hand @ at
             hand = matrix_from_vector(rng.normal(0, arm, 3)) @ hand
             self.views.append(
-                View(
+                BoardView(
                     position + rng.normal(0, arm, 3),
                     hand,
                     BOARD.corners[inside],
@@ -83,12 +83,14 @@ def test_the_closed_form_is_exact_from_three_views():
 
 def test_derivatives():
     setup = Setup(0, count=8)
-    fit = Fit(setup.position + 0.01, setup.rotation, np.array([0.01, 0.02, 0.1]), np.eye(3), LENS)
+    fit = BundleFit(setup.position + 0.01, setup.rotation, np.array([0.01, 0.02, 0.1]), np.eye(3), LENS)
     jacobian = linearise(fit, setup.views)[1]
     for k in range(16):
         step = np.zeros(16)
         step[k] = 1e-6
-        numeric = (linearise(moved(fit, -step), setup.views)[0] - linearise(moved(fit, step), setup.views)[0]) / 2e-6
+        numeric = (
+            linearise(apply_step(fit, -step), setup.views)[0] - linearise(apply_step(fit, step), setup.views)[0]
+        ) / 2e-6
         np.testing.assert_allclose(jacobian[:, :, k], numeric, rtol=1e-4, atol=1e-3 * np.abs(numeric).max())
 
 
@@ -133,9 +135,11 @@ def table(seed, count=8, noise=0.0003, spread=True):
     points = BOARD.corners @ turned.T + at
     seen = (points - setup.position) @ setup.rotation
     pixels = seen[:, :2] / seen[:, 2:] * LENS.fx + LENS.cx
-    views = [View(np.zeros(3), np.eye(3), BOARD.corners, pixels + rng.normal(0, 0.05, pixels.shape)) for _ in range(3)]
+    views = [
+        BoardView(np.zeros(3), np.eye(3), BOARD.corners, pixels + rng.normal(0, 0.05, pixels.shape)) for _ in range(3)
+    ]
     corners = [0, 5, 18, 23, 8, 15, 2, 21][:count] if spread else range(count)
-    return setup, views, [Touch(points[i] + rng.normal(0, noise, 3), BOARD.corners[i]) for i in corners]
+    return setup, views, [TouchedPoint(points[i] + rng.normal(0, noise, 3), BOARD.corners[i]) for i in corners]
 
 
 def test_a_touched_board_on_the_table():

@@ -18,7 +18,7 @@ from np_perception.pose_estimation import (
     LIES,
     MIN_POINTS,
     PoseError,
-    check_rests,
+    check_resting,
     estimate_pose,
     project_keypoints,
 )
@@ -164,4 +164,4 @@ def test_what_rests_is_taken_to_rest_though_the_camera_is_turned_and_corners_are
     keypoints = project_keypoints(domain, sample_task(domain, rng)[0], replace(CAMERA, rotation=turned))
     keypoints[:, :2] += rng.uniform(-1, 1, (8, 2))
     keypoints[rng.permutation(8)[: rng.integers(0, 3)], 2] = 0.0
-    check_rests(keypoints, domain)
+    check_resting(keypoints, domain)

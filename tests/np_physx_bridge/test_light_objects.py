@@ -6,7 +6,7 @@ import pytest
 
 from np_description.contact.model import HARD
 from np_physx_bridge.library import missing, sapien
-from np_physx_bridge.scene import Translator, scene, steps_for
+from np_physx_bridge.scene import Translator, count_substeps, scene
 from np_sim_bridge.schedule import PERIOD, SECOND
 
 GRAVITY = 9.81
@@ -50,13 +50,15 @@ def resistance(mass: float, load: float, steps: int, speed: float = 0.003, secon
 def test_what_is_drawn_slowly_resists_by_the_law_of_coulomb(mass, load):
     """In one step of 2 ms, as before, 8 g resist by .96 of it, 5 g by .87, 1 g by .76: a pass of the solver hands its mass times a speed on."""
     law = HARD.table * (load + mass * GRAVITY)
-    assert resistance(mass, load, steps_for(mass, is_rigid=True)) == pytest.approx(law, rel=0.03)
+    assert resistance(mass, load, count_substeps(mass, is_rigid=True)) == pytest.approx(law, rel=0.03)
 
 
 def test_only_what_is_light_has_more_steps_than_the_bridge_asks_for():
-    assert [steps_for(mass, is_rigid=True) for mass in (0.38, 0.03, 0.016, 0.01, 0.008, 0.005, 0.001)] == [1] * 4 + [
+    assert [count_substeps(mass, is_rigid=True) for mass in (0.38, 0.03, 0.016, 0.01, 0.008, 0.005, 0.001)] == [
+        1
+    ] * 4 + [
         2,
         2,
         4,
     ]
-    assert [steps_for(mass, is_rigid=False) for mass in (0.03, 0.009, 0.005, 0.001)] == [1, 2, 2, 2]
+    assert [count_substeps(mass, is_rigid=False) for mass in (0.03, 0.009, 0.005, 0.001)] == [1, 2, 2, 2]

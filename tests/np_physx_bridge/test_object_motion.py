@@ -11,7 +11,7 @@ from np_control.kinematics import forward_kinematics, solve_ik
 from np_description.contact.model import CONTACTS, HARD
 from np_description.domains import DOMAINS, Pose, resting_pose
 from np_description.mujoco_engine import MujocoEngine
-from np_description.objects.choice import domain_with, place_in
+from np_description.objects.choice import domain_with, place_object
 from np_description.objects.spec import Contents
 from np_description.objects.table import ROWS, rows_of
 from np_description.panda import NOMINAL
@@ -106,7 +106,7 @@ def test_a_hand_that_presses_hard_does_not_go_through_what_is_light(mass):
     """In steps of 2 ms 72 passes of the solver hand 20 N through 8 g, not through 1 g: the tip stood 6 mm deep in such a card, did not move it and
     threw it up by 14 mm when it left. With more steps it is drawn along as in MuJoCo."""
     rigid = replace(domain_with("card", "tissue").object, mass=mass, compliance=None)
-    domain = replace(place_in(DOMAINS["card"], rigid), obstacles=())
+    domain = replace(place_object(DOMAINS["card"], rigid), obstacles=())
     there, here = (drawn(engine, domain, HARD, depth=0.02)[0] for engine in (MujocoEngine, PhysxEngine))
     assert there[699, 0] - there[0, 0] > 0.04
     assert np.abs(here - there)[[399, 699, 899]].max() < 0.01
@@ -135,7 +135,7 @@ def test_what_is_loose_falls_to_the_lower_end_and_stays_where_the_box_lies(engin
     half = np.sqrt(0.5)
     upright, upside_down, lying = FLAT, np.array([0, 1.0, 0, 0]), np.array([half, 0, half, 0])
     for quaternion, height, expected in ((upright, 0.05, -0.01), (upside_down, 0.05, 0.01), (lying, 0.025, 0.0)):
-        made = engine(replace(place_in(DOMAINS["wall"], spec), obstacles=()), contact=HARD)
+        made = engine(replace(place_object(DOMAINS["wall"], spec), obstacles=()), contact=HARD)
         made.reset(Pose(np.array([0.5, 0.1, height]), quaternion))
         for _ in range(400):
             made.step(ZERO, ZERO, 0.0)
@@ -159,7 +159,7 @@ def test_the_bridge_sees_the_core_and_draws_every_part(engine):
 
 def test_the_planner_keeps_clear_of_the_box_that_is_there():
     spec = replace(rows_of("bump")["sponge"].spec, size=(0.1, 0.09, 0.08))
-    model = CollisionModel(place_in(DOMAINS["bump"], spec)).model
+    model = CollisionModel(place_object(DOMAINS["bump"], spec)).model
     assert model.nq == 16 and model.geom("object").size == pytest.approx([0.05, 0.045, 0.04])
 
 
@@ -207,7 +207,7 @@ def test_a_soft_row_gives_way_as_its_stiffness_says(engine, domain, name):
 @in_physx
 @pytest.mark.parametrize("spec", [row.spec for row in ROWS], ids=[f"{row.spec.domain}-{row.spec.name}" for row in ROWS])
 def test_a_row_weighs_and_rubs_in_the_second_engine_as_it_says(spec):
-    engine = PhysxEngine(place_in(DOMAINS[spec.domain], spec))
+    engine = PhysxEngine(place_object(DOMAINS[spec.domain], spec))
     engine.reset(Pose(np.array([0.5, -0.2, spec.half_size[2]]), FLAT))
     bodies = [engine.object] if spec.is_rigid else engine.object.articulation.get_links()
     places = [body.entity.pose * body.cmass_local_pose for body in bodies]

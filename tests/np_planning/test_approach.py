@@ -13,11 +13,11 @@ from np_description.hand import FLAT_HAND
 from np_description.panda import NOMINAL
 from np_planning.approach import ApproachConfig, StartError, UnreachableError, plan_approach
 from np_planning.collision import CollisionModel
-from np_planning.rrt import Budget, PlanningError, densify, find_path, length
-from np_planning.stand_off import CLEARANCE, gap
-from np_planning.time_parametrization import ACCELERATION_LIMIT, retime, round_corners
+from np_planning.rrt import PlanningBudget, PlanningError, densify, find_path, length
+from np_planning.stand_off import CLEARANCE, finger_gap
+from np_planning.time_parametrization import ACCELERATION_LIMIT, parametrize_path, round_corners
 
-FAST = ApproachConfig(budget=Budget(improve=3000))
+FAST = ApproachConfig(budget=PlanningBudget(improve=3000))
 
 
 def touching_pose(domain, objekt, rng):
@@ -111,12 +111,14 @@ def test_a_pose_deep_in_the_object_is_drawn_out_before_its_face(depth, side):
     plan = plan_approach(
         collision, NOMINAL.ready, Pose(at, quaternion_from_matrix(rotation)), 0.0, objekt, seed=0, config=FAST
     )
-    assert depth < plan.drawn_out < depth + 0.04
+    assert depth < plan.penetration_retreat < depth + 0.04
     position, turn = forward_kinematics(plan.trajectory.positions[-1])
-    apart, normal = gap(BUMP, objekt.position, objekt.quaternion, position, turn, 0.0)
+    apart, normal = finger_gap(BUMP, objekt.position, objekt.quaternion, position, turn, 0.0)
     np.testing.assert_allclose(normal, outwards, atol=1e-9)
     assert apart == pytest.approx(CLEARANCE, abs=1e-3)
-    np.testing.assert_allclose(position - at - plan.lift * np.array([0, 0, 1.0]), plan.drawn_out * outwards, atol=1e-3)
+    np.testing.assert_allclose(
+        position - at - plan.lift * np.array([0, 0, 1.0]), plan.penetration_retreat * outwards, atol=1e-3
+    )
 
 
 def test_a_pose_that_may_be_is_left_as_it_is():
@@ -124,7 +126,7 @@ def test_a_pose_that_may_be_is_left_as_it_is():
     down = np.diag([1.0, -1.0, -1.0])
     goal = Pose(objekt.position + [0, 0, 0.045], quaternion_from_matrix(down))  # its fingertips 9 mm inside
     plan = plan_approach(CollisionModel(BUMP), NOMINAL.ready, goal, 0.0, objekt, seed=0, config=FAST)
-    assert plan.drawn_out == 0.0
+    assert plan.penetration_retreat == 0.0
     np.testing.assert_allclose(forward_kinematics(plan.trajectory.positions[-1])[0], goal.position, atol=1e-3)
 
 
@@ -167,8 +169,8 @@ def test_paths_around_obstacles_are_free_and_improve():
     collision.place(Pose(np.array([0.53, 0, 0.05]), np.array([1.0, 0, 0, 0])), 0.01)
     limits = NOMINAL.position_lower, NOMINAL.position_upper
     for start, goal in blocked_pair(collision, 3):
-        first = find_path(collision.is_free, start, goal, *limits, seed=3, budget=Budget(improve=0))
-        better = find_path(collision.is_free, start, goal, *limits, seed=3, budget=Budget(improve=8000))
+        first = find_path(collision.is_free, start, goal, *limits, seed=3, budget=PlanningBudget(improve=0))
+        better = find_path(collision.is_free, start, goal, *limits, seed=3, budget=PlanningBudget(improve=8000))
         for path in (first, better):
             assert all(map(collision.is_free, densify(path, 0.01)))
             assert all(map(collision.is_free, round_corners(path, collision.is_free)))
@@ -185,7 +187,13 @@ def test_no_path_and_no_budget_are_named():
 
     with pytest.raises(PlanningError, match="no path found within 2000 collision checks"):
         find_path(
-            walled_in, start, goal, NOMINAL.position_lower, NOMINAL.position_upper, seed=0, budget=Budget(first=2000)
+            walled_in,
+            start,
+            goal,
+            NOMINAL.position_lower,
+            NOMINAL.position_upper,
+            seed=0,
+            budget=PlanningBudget(first=2000),
         )
     with pytest.raises(PlanningError, match="or 0 s"):
         find_path(
@@ -195,7 +203,7 @@ def test_no_path_and_no_budget_are_named():
             NOMINAL.position_lower,
             NOMINAL.position_upper,
             seed=0,
-            budget=Budget(seconds=0.0),
+            budget=PlanningBudget(seconds=0.0),
         )
 
 
@@ -207,13 +215,13 @@ from np_description.domains import WALL, Pose
 from np_description.hand import FLAT_HAND
 from np_description.panda import NOMINAL
 from np_planning.collision import CollisionModel
-from np_planning.rrt import Budget, find_path
+from np_planning.rrt import PlanningBudget, find_path
 collision = CollisionModel(WALL)
 collision.place(Pose(np.array([0.53, 0, 0.05]), np.array([1.0, 0, 0, 0])), 0.01)
 start, goal = np.array({start!r}), np.array({goal!r})
 for seed in {seeds!r}:
     path = find_path(collision.is_free, start, goal, NOMINAL.position_lower, NOMINAL.position_upper, seed=seed,
-                     budget=Budget(improve=4000))
+                     budget=PlanningBudget(improve=4000))
 print(hashlib.sha256(path.tobytes()).hexdigest())
 """
 
@@ -235,11 +243,13 @@ def test_a_seed_gives_the_same_bits_in_any_process_whatever_was_planned_before()
 
 def test_retiming_needs_a_path_and_keeps_limits():
     with pytest.raises(ValueError, match="two different points"):
-        retime(np.zeros((3, 7)), NOMINAL.velocity_limit, ACCELERATION_LIMIT)
+        parametrize_path(np.zeros((3, 7)), NOMINAL.velocity_limit, ACCELERATION_LIMIT)
     rng = np.random.default_rng(0)
     for _ in range(10):
         corners = NOMINAL.ready + np.cumsum(rng.uniform(-0.4, 0.4, (rng.integers(2, 6), 7)), axis=0)
-        motion = retime(round_corners(corners, lambda joints: True), NOMINAL.velocity_limit / 2, ACCELERATION_LIMIT / 5)
+        motion = parametrize_path(
+            round_corners(corners, lambda joints: True), NOMINAL.velocity_limit / 2, ACCELERATION_LIMIT / 5
+        )
         velocity = np.array([motion.sample(t)[1] for t in np.arange(0, motion.duration, 0.002)])
         assert (np.abs(velocity) <= NOMINAL.velocity_limit / 2 * 1.02).all()
         assert (np.abs(np.diff(velocity, axis=0)) / 0.002 <= ACCELERATION_LIMIT / 5 * 2).all()

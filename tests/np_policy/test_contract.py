@@ -18,7 +18,7 @@ from np_description.camera import CAMERA
 from np_description.contact.definition import contact_definition
 from np_description.contact.model import HARD, OBJECT_FRICTION, SOFT
 from np_description.domains import BUMP, CARD, DOMAINS, find_domain
-from np_description.symmetry import renamed
+from np_description.symmetry import canonicalize_keypoints
 from np_description.weights.contract import KEY
 from np_description.weights.header import read_metadata, tensors_sha256, with_metadata
 from np_description.weights.released import WeightsError, sha256
@@ -26,8 +26,8 @@ from np_perception.contract import DetectorContract
 from np_perception.detector import KeypointDetector
 from np_policy import action, hand_pose, observation
 from np_policy.contract import KINDS, POST_CONTACT, PolicyContract, check_weights, residual_limits, weights_file
-from np_policy.networks import PostContactPolicy
-from np_policy.policy import PostContactController
+from np_policy.networks import PostContactNetwork
+from np_policy.policy import PostContactPolicy
 from np_policy.weights import load, save
 
 WEIGHTS = Path(__file__).resolve().parents[2] / "weights"
@@ -41,7 +41,7 @@ def file(tmp_path):
 
     def write(contract: PolicyContract) -> Path:
         torch.manual_seed(0)
-        save(PostContactPolicy(), tmp_path / "post.safetensors", contract, {"date": "today"})
+        save(PostContactNetwork(), tmp_path / "post.safetensors", contract, {"date": "today"})
         return tmp_path / "post.safetensors"
 
     return write
@@ -49,7 +49,7 @@ def file(tmp_path):
 
 def test_weights_that_fit_are_loaded_without_a_word(file):
     path = file(PolicyContract.of(POST_CONTACT, CARD, control_rate=200.0, target_delay=(0.005, 0.04)))
-    assert EXPECTED.check(path) == [] and PostContactController(path, CARD).warnings == []
+    assert EXPECTED.check(path) == [] and PostContactPolicy(path, CARD).warnings == []
     assert read_metadata(path).keys() == {KEY, "date"}
 
 
@@ -78,7 +78,7 @@ OTHERS = {
 def test_every_field_that_differs_is_a_refusal_that_says_what_was_expected_and_what_came(name, file):
     path = file(replace(EXPECTED, **{name: OTHERS[name]}))
     with pytest.raises(WeightsError, match=rf"{re.escape(str(path))} .*: {name}[a-z_.]*: expected .*, got ") as caught:
-        load(PostContactPolicy(), path, EXPECTED)
+        load(PostContactNetwork(), path, EXPECTED)
     assert str(caught.value).count("expected") == 1
 
 
@@ -94,7 +94,7 @@ def test_other_contacts_are_a_warning_in_words_and_notes_are_none(file):
     contact = json.loads(json.dumps(EXPECTED.contact))
     contact["fingers"]["solref"], contact["cone"] = [[0.004, 1.0]], "pyramidal"
     path = file(replace(EXPECTED, contact=contact, control_rate=1000.0))
-    (warning,) = PostContactController(path, CARD).warnings
+    (warning,) = PostContactPolicy(path, CARD).warnings
     for part in (
         "post.safetensors: was trained under other contacts",
         "contact.cone: expected",
@@ -118,15 +118,15 @@ def test_a_graph_is_told_of_both_policies_at_once(tmp_path):
 
 def test_weights_without_a_contract_are_refused_with_the_command_that_adds_one(tmp_path):
     path = tmp_path / "old.safetensors"
-    save_file(PostContactPolicy().state_dict(), path, metadata={"domain": "card"})
+    save_file(PostContactNetwork().state_dict(), path, metadata={"domain": "card"})
     with pytest.raises(WeightsError, match=rf"got none.*np_training.contracts {re.escape(str(path))}"):
-        PostContactController(path, CARD)
+        PostContactPolicy(path, CARD)
     path.write_bytes(with_metadata(path.read_bytes(), {KEY: "impedance"}))
     with pytest.raises(WeightsError, match="expected a contract in JSON, got 'impedance'"):
-        PostContactController(path, CARD)
+        PostContactPolicy(path, CARD)
     path.write_bytes(path.read_bytes()[:20])
     with pytest.raises(WeightsError, match="expected a safetensors file"):
-        PostContactController(path, CARD)
+        PostContactPolicy(path, CARD)
 
 
 def test_the_residual_limits_are_those_of_the_weights(file):
@@ -224,7 +224,7 @@ def test_the_observations_are_what_their_versions_say():
     pixels = CAMERA.normalise(112 + 100 * wave(2, 8, 2))
     post = observation.post_contact_observation(wave(9), wave(9), *pixels, POSITION, ROTATION, wave(20))
     assert (observation.POST_VERSION, digest(post)) == (1, "2cf78073e0314f43"), WHY
-    student = observation.student_observation(*renamed(BUMP, *pixels))
+    student = observation.student_observation(*canonicalize_keypoints(BUMP, *pixels))
     assert (observation.STUDENT_VERSION, digest(student)) == (1, "67b014e96ca7ddef"), WHY
 
 

@@ -12,7 +12,7 @@ from np_common.rotations import matrix_from_vector, quaternion_from_matrix
 from np_description.domains import BUMP, CARD, WALL, Pose, sample_task
 from np_description.phases import PhaseState
 from np_perception.pose_estimation import project_keypoints
-from np_policy.episode import ACTIVE, FAILED, IDLE, Episode, EpisodeConfig, Goal, Refused, Tick
+from np_policy.episode import ACTIVE, FAILED, IDLE, Episode, EpisodeConfig, Goal, InputRefusal, Tick
 
 TICK = 100_000_000
 START, GOAL = sample_task(CARD, np.random.default_rng(0))
@@ -144,7 +144,7 @@ def test_an_object_that_rests_nowhere_is_refused_before_the_arm_moves():
     episode.start()
     (event,) = episode.keypoints(TICK, keypoints(LEANING))  # and no tick, in which a plan would begin
     assert str(event).startswith("failed: pre: expected the object at rest on a face, got one tilted by 34 degrees")
-    with pytest.raises(Refused):
+    with pytest.raises(InputRefusal):
         episode.trajectory(TICK, 0.2)
 
 
@@ -179,7 +179,7 @@ def test_when_the_time_of_a_contact_is_over_another_is_chosen_after_a_rest_from_
     for i in (12, 13):  # the hand lets go, the object comes to rest
         assert ticks(episode.keypoints(i * TICK, keypoints())) == [(i, "pre")]
     assert episode.keypoints(14 * TICK, keypoints()) == [] and episode.awaits == "joint_trajectory"
-    with pytest.raises(Refused):  # the first contact's plan
+    with pytest.raises(InputRefusal):  # the first contact's plan
         episode.trajectory(TICK, 0.2)
     assert ticks(episode.trajectory(14 * TICK, 0.2)) == [(14, "approach")]
     for i in range(15, 20):
@@ -221,7 +221,7 @@ def test_in_real_time_a_plan_for_what_was_seen_before_the_rest_is_refused():
     for i in range(12, 16):
         assert ticks(episode.keypoints(i * TICK, keypoints())) == [(i, "pre")]
     for early in (TICK, 13 * TICK):
-        with pytest.raises(Refused):
+        with pytest.raises(InputRefusal):
             episode.trajectory(early, 0.2)
     assert phases(episode.trajectory(14 * TICK, 0.2)) == ["approach"]
 
@@ -270,11 +270,11 @@ def test_a_failed_plan_fails_the_approach_with_its_reason():
 def test_a_plan_for_another_image_is_refused():
     episode = make()
     episode.goal(TICK, GOAL)
-    with pytest.raises(Refused):
+    with pytest.raises(InputRefusal):
         episode.trajectory(TICK, 1.0)
     episode.start()
     episode.keypoints(TICK, keypoints())
-    with pytest.raises(Refused, match="a plan for 200000000 ns"):
+    with pytest.raises(InputRefusal, match="a plan for 200000000 ns"):
         episode.trajectory(2 * TICK, 1.0)
     assert episode.phase == "pre"
 
@@ -309,7 +309,7 @@ def test_a_fault_ends_the_episode_and_forbids_the_next():
     episode = in_post()
     assert phases(episode.backend("stopped: joint 3")) == ["fault: stopped: joint 3"]
     assert episode.backend("stopped: joint 3") == []
-    with pytest.raises(Refused, match="stopped: joint 3"):
+    with pytest.raises(InputRefusal, match="stopped: joint 3"):
         episode.start()
     assert phases(episode.backend("")) == ["idle"]
     assert episode.backend("") == []
@@ -331,10 +331,10 @@ def test_a_fault_is_told_in_every_phase_for_the_controller_goes_by_it(reach):
 
 def test_start_and_stop_are_refused_where_they_make_no_sense():
     episode = make()
-    with pytest.raises(Refused, match="no episode is under way"):
+    with pytest.raises(InputRefusal, match="no episode is under way"):
         episode.stop()
     episode.start()
-    with pytest.raises(Refused, match="under way, in phase pre"):
+    with pytest.raises(InputRefusal, match="under way, in phase pre"):
         episode.start()
     assert phases(episode.stop()) == ["failed: pre: stopped on request"]
 
@@ -359,7 +359,7 @@ def test_a_goal_that_was_in_force_before_the_present_one_is_refused(stamp):
     episode.goal(5 * TICK, GOAL, sent=200)
     episode.start()
     episode.keypoints(6 * TICK, keypoints())
-    with pytest.raises(Refused, match="sent before the one of 500000000 ns"):
+    with pytest.raises(InputRefusal, match="sent before the one of 500000000 ns"):
         episode.goal(stamp, START, sent=100)
     assert episode.phase == "pre"
     # A backend that was restarted, or a computer whose clock is behind: not late.
@@ -391,7 +391,7 @@ def test_in_real_time_an_episode_begins_with_an_image_of_after_its_start(is_used
     episode.keypoints(2 * TICK, keypoints())
     assert not ticks(episode.start())
     assert episode.awaits == "keypoints"
-    with pytest.raises(Refused):  # for the old image
+    with pytest.raises(InputRefusal):  # for the old image
         episode.trajectory(2 * TICK, 1.0)
     assert phases(episode.overdue(31.0)) == ["failed: pre: no keypoints within 30 s"]
 
@@ -465,7 +465,7 @@ def test_whatever_comes_ticks_increase_and_belong_to_an_episode(data):
                 "fault": lambda: episode.backend(data.draw(st.sampled_from(["", "held"]))),
                 "late": lambda: episode.overdue(100.0),
             }[what]()
-        except Refused:
+        except InputRefusal:
             continue
         for event in events:
             if isinstance(event, Tick):

@@ -11,18 +11,23 @@ from np_common.rotations import matrix_from_quaternion, matrix_from_vector, quat
 from np_control.kinematics import solve_ik
 from np_description.contact.model import HARD, SOFT
 from np_description.domains import BUMP, CARD, DOMAINS, WALL, Pose, resting_pose, sample_task
-from np_description.objects.choice import choice_of, place_in
+from np_description.objects.choice import object_reference, place_object
 from np_description.objects.table import rows_of
 from np_description.panda import NOMINAL
 from np_description.scene import OBJECT
 from np_perception.pose_estimation import project_keypoints
 from np_planning.collision import CollisionModel
-from np_planning.stand_off import CLEARANCE, gap
+from np_planning.stand_off import CLEARANCE, finger_gap
 from np_policy.action import PolicyError
 from np_policy.contract import PRE_CONTACT, PolicyContract, weights_file
-from np_policy.networks import PreContactStudent
-from np_policy.other_size import SIZES, carried_over, known_domain, known_in_place
-from np_policy.policy import PreContactPlanner
+from np_policy.networks import PreContactNetwork
+from np_policy.policy import PreContactPolicy
+from np_policy.size_generalization import (
+    SIZES,
+    canonical_object_position,
+    find_trained_domain,
+    transfer_contact_position,
+)
 from np_policy.weights import save
 
 FLAT = np.array([1.0, 0, 0, 0])
@@ -31,12 +36,12 @@ FLAT = np.array([1.0, 0, 0, 0])
 def sized(domain, *factors: float):
     """The domain with its own object in another size."""
     spec = rows_of(domain.name)["default"].spec
-    return place_in(domain, replace(spec, size=tuple((np.array(spec.size) * factors).tolist())))
+    return place_object(domain, replace(spec, size=tuple((np.array(spec.size) * factors).tolist())))
 
 
 def before(domain, objekt: Pose, hand: Pose, opening: float):
-    """`gap` of poses."""
-    return gap(
+    """`finger_gap` of poses."""
+    return finger_gap(
         domain, objekt.position, objekt.quaternion, hand.position, matrix_from_quaternion(hand.quaternion), opening
     )
 
@@ -71,29 +76,29 @@ def test_the_gap_is_what_is_between_the_fingers_and_the_face(contact):
 
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)
 def test_what_has_the_size_that_the_weights_know_is_seen_as_it_is(domain):
-    assert known_domain(domain) is None
+    assert find_trained_domain(domain) is None
     for row in rows_of(domain.name).values():
-        assert known_domain(place_in(domain, row.spec)) is None
+        assert find_trained_domain(place_object(domain, row.spec)) is None
     tea = sized(domain, 1.1, 1.0, 1.0)
-    assert known_domain(tea) is domain
-    assert known_domain(tea, choice_of(tea)) is None  # weights that were trained for it
-    assert known_domain(domain, choice_of(tea)).half_size == tea.half_size
+    assert find_trained_domain(tea) is domain
+    assert find_trained_domain(tea, object_reference(tea)) is None  # weights that were trained for it
+    assert find_trained_domain(domain, object_reference(tea)).half_size == tea.half_size
 
 
 def test_weights_that_were_trained_with_sizes_see_these_as_they_are_and_others_do_not(tmp_path):
     """A range is of all edges together: a box of other proportions is known to nobody."""
     sizes = (0.8, 1.2)
     for factor, known in ((0.8, True), (1.0, True), (1.2, True), (0.75, False), (1.3, False)):
-        assert (known_domain(sized(WALL, factor, factor, factor), sizes=sizes) is None) == known
-    assert known_domain(sized(WALL, 1.1, 1.0, 1.0), sizes=sizes) is WALL
+        assert (find_trained_domain(sized(WALL, factor, factor, factor), sizes=sizes) is None) == known
+    assert find_trained_domain(sized(WALL, 1.1, 1.0, 1.0), sizes=sizes) is WALL
     large, contract = sized(BUMP, 1.2, 1.2, 1.2), PolicyContract.of(PRE_CONTACT, BUMP)
     start, goal = sample_task(large, np.random.default_rng(0))
     seen = [project_keypoints(large, pose) for pose in (start, goal)]
     chosen = []
     for name, metadata in (("one", {}), ("many", {SIZES: "0.8 1.2"})):
         torch.manual_seed(0)
-        save(PreContactStudent(), tmp_path / f"{name}.safetensors", contract, metadata)
-        chosen += [PreContactPlanner(tmp_path / f"{name}.safetensors", other).propose(*seen) for other in (large, BUMP)]
+        save(PreContactNetwork(), tmp_path / f"{name}.safetensors", contract, metadata)
+        chosen += [PreContactPolicy(tmp_path / f"{name}.safetensors", other).propose(*seen) for other in (large, BUMP)]
     carried, plain, many, same = (one.pose.position for one in chosen)
     np.testing.assert_array_equal(many, plain)
     np.testing.assert_array_equal(many, same)
@@ -107,7 +112,7 @@ def test_the_known_box_rests_where_the_object_rests():
         same = resting_pose(WALL, region, 0.5, 0.1, 0.3, roll, region.pitch)
         np.testing.assert_array_equal(there.quaternion, same.quaternion)
         np.testing.assert_allclose(
-            known_in_place(tall, WALL, there.position, there.quaternion), same.position, atol=1e-12
+            canonical_object_position(tall, WALL, there.position, there.quaternion), same.position, atol=1e-12
         )
 
 
@@ -117,7 +122,7 @@ def test_the_released_weights_choose_a_contact_that_can_be_reached_at_another_si
     """As if the object had the size that they know, they choose one that is off by half the difference, or in the object."""
     other = sized(domain, *[factor] * 3)
     file = weights_file(PRE_CONTACT, domain)
-    knowing, plain = PreContactPlanner(file, other), PreContactPlanner(file, domain)
+    knowing, plain = PreContactPolicy(file, other), PreContactPolicy(file, domain)
     rng = np.random.default_rng(0)
     for _ in range(3):
         start, goal = sample_task(other, rng)
@@ -138,9 +143,9 @@ def test_a_pose_before_a_face_is_carried_along_it_in_proportion_and_stands_off_a
     known = Pose(np.array([0.5, 0.1, 0.045]), FLAT)
     objekt = Pose(np.array([0.5, 0.1, 0.045 * 1.1]), FLAT)
     down, hand = np.diag([1.0, -1.0, -1.0]), known.position + [0.02, -0.01, 0.06]
-    there = carried_over(wide, BUMP, objekt.position, objekt.quaternion, hand, down, 0.0)
+    there = transfer_contact_position(wide, BUMP, objekt.position, objekt.quaternion, hand, down, 0.0)
     np.testing.assert_allclose((there - objekt.position)[:2], [0.024, -0.009], atol=1e-12)
-    assert gap(wide, objekt.position, objekt.quaternion, there, down, 0.0)[0] == pytest.approx(CLEARANCE)
+    assert finger_gap(wide, objekt.position, objekt.quaternion, there, down, 0.0)[0] == pytest.approx(CLEARANCE)
 
 
 def test_batches_of_tensors_are_carried_over_as_single_poses_are():
@@ -150,16 +155,16 @@ def test_batches_of_tensors_are_carried_over_as_single_poses_are():
     hand = position + rng.normal(0, 0.08, (6, 3))
     rotation, opening = matrix_from_vector(rng.normal(0, 1, (6, 3))), rng.uniform(0, 0.02, 6)
     arguments = position, quaternion, hand, rotation, opening
-    together = carried_over(other, WALL, *(torch.from_numpy(values) for values in arguments)).numpy()
+    together = transfer_contact_position(other, WALL, *(torch.from_numpy(values) for values in arguments)).numpy()
     for row, one in enumerate(zip(*arguments)):
-        np.testing.assert_allclose(together[row], carried_over(other, WALL, *one), atol=1e-9)
+        np.testing.assert_allclose(together[row], transfer_contact_position(other, WALL, *one), atol=1e-9)
 
 
 def test_keypoints_without_a_pose_are_refused_in_words(tmp_path):
     torch.manual_seed(0)
     file = weights_file(PRE_CONTACT, CARD, tmp_path)
-    save(PreContactStudent(), file, PolicyContract.of(PRE_CONTACT, CARD))
-    planner = PreContactPlanner(file, sized(CARD, 1.2, 1.2, 1.2))
+    save(PreContactNetwork(), file, PolicyContract.of(PRE_CONTACT, CARD))
+    planner = PreContactPolicy(file, sized(CARD, 1.2, 1.2, 1.2))
     start, goal = (project_keypoints(CARD, pose) for pose in sample_task(CARD, np.random.default_rng(0)))
     start[:4, 2] = 0.0
     with pytest.raises(PolicyError, match="a size it was not trained with: expected at least 6 of 8 keypoints"):

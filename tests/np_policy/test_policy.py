@@ -14,11 +14,11 @@ from np_description.panda import FINGER_MAX, NOMINAL
 from np_description.weights.contract import KEY
 from np_description.weights.header import with_metadata
 from np_perception.pose_estimation import project_keypoints
-from np_policy.action import TIGHT, PolicyError
+from np_policy.action import RESIDUAL_LIMITS_FINAL, PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.hand_pose import POSITION_CENTRE, POSITION_RANGE
-from np_policy.networks import PostContactPolicy, PreContactStudent
-from np_policy.policy import PEEK_HEIGHT, PostContactController, PreContactPlanner, student_output
+from np_policy.networks import PostContactNetwork, PreContactNetwork
+from np_policy.policy import RETREAT_HEIGHT, PostContactPolicy, PreContactPolicy, student_output
 from np_policy.weights import WeightsError, save
 
 START, GOAL = (project_keypoints(CARD, pose) for pose in sample_task(CARD, np.random.default_rng(0)))
@@ -28,7 +28,7 @@ Q = np.concatenate([NOMINAL.ready, [0.01, 0.01]])
 @pytest.fixture
 def folder(tmp_path):
     torch.manual_seed(0)
-    for kind, network in ((PRE_CONTACT, PreContactStudent()), (POST_CONTACT, PostContactPolicy())):
+    for kind, network in ((PRE_CONTACT, PreContactNetwork()), (POST_CONTACT, PostContactNetwork())):
         for parameter in network.parameters():
             torch.nn.init.normal_(parameter, std=0.1)
         save(network, weights_file(kind, CARD, tmp_path), PolicyContract.of(kind, CARD))
@@ -37,7 +37,7 @@ def folder(tmp_path):
 
 @pytest.fixture
 def controller(folder):
-    return PostContactController(weights_file("post_contact", CARD, folder), CARD)
+    return PostContactPolicy(weights_file("post_contact", CARD, folder), CARD)
 
 
 def test_the_students_output_is_a_pose_and_an_opening():
@@ -58,7 +58,7 @@ def test_an_output_without_a_rotation_is_refused(output):
 
 
 def test_the_student_gives_equal_bits_for_equal_keypoints(folder):
-    first, second = (PreContactPlanner(weights_file("pre_contact", CARD, folder), CARD) for _ in range(2))
+    first, second = (PreContactPolicy(weights_file("pre_contact", CARD, folder), CARD) for _ in range(2))
     a, b = first.propose(START, GOAL), second.propose(START, GOAL)
     assert a.pose.position.tobytes() == b.pose.position.tobytes() and a.opening == b.opening
     assert a.pose.position.tobytes() != first.propose(GOAL, START).pose.position.tobytes()
@@ -70,10 +70,10 @@ def test_targets_stay_within_the_residual_and_gain_limits(controller):
         q = Q + np.concatenate([rng.normal(0, 0.2, 7), [0, 0]])
         target = controller.act(q, rng.normal(0, 0.5, 9), START, GOAL)
         position, rotation = forward_kinematics(q[:7])
-        assert np.abs(target.position - position).max() <= TIGHT.position + 1e-12
+        assert np.abs(target.position - position).max() <= RESIDUAL_LIMITS_FINAL.position + 1e-12
         assert (
             np.arccos(np.clip((np.trace(target.rotation @ rotation.T) - 1) / 2, -1, 1))
-            <= TIGHT.rotation * 3**0.5 + 1e-6
+            <= RESIDUAL_LIMITS_FINAL.rotation * 3**0.5 + 1e-6
         )
         assert (target.stiffness >= STIFFNESS_MIN - 1e-9).all() and (target.stiffness <= STIFFNESS_MAX + 1e-9).all()
         assert (target.damping_ratio >= 0.5).all()
@@ -87,7 +87,7 @@ def test_another_zeta_of_the_weights_makes_targets_of_another_reach(folder, tmp_
     other = tmp_path / "double.safetensors"
     other.write_bytes(with_metadata(file.read_bytes(), {KEY: replace(contract, residual_limits=double).text()}))
     position, _ = forward_kinematics(Q[:7])
-    near, far = (PostContactController(path, CARD).act(Q, np.zeros(9), START, GOAL) for path in (file, other))
+    near, far = (PostContactPolicy(path, CARD).act(Q, np.zeros(9), START, GOAL) for path in (file, other))
     np.testing.assert_allclose(far.position - position, 2 * (near.position - position), atol=1e-12)
 
 
@@ -123,44 +123,44 @@ def test_without_keypoints_the_last_ones_are_used_and_without_any_the_hand_stays
 
 
 def test_a_hand_that_hides_the_object_is_drawn_up_until_it_is_seen_again_or_high_enough(folder):
-    controller = PostContactController(weights_file("post_contact", CARD, folder), CARD, peek_after=3)
+    controller = PostContactPolicy(weights_file("post_contact", CARD, folder), CARD, reobserve_after=3)
     position, rotation = forward_kinematics(NOMINAL.ready)
     few = START.copy()
     few[:3, 2] = 0.0  # five are left
     blind = [controller.act(Q, np.zeros(9), few, GOAL) for _ in range(3)]
     assert all(np.abs(t.position - position)[:2].max() > 1e-6 for t in blind)  # the policy goes on for so long
-    assert position[2] > PEEK_HEIGHT  # of the ready posture: the hand is high enough and stays
+    assert position[2] > RETREAT_HEIGHT  # of the ready posture: the hand is high enough and stays
     np.testing.assert_allclose(controller.act(Q, np.zeros(9), None, GOAL).position, position)
     low = Q.copy()
     low[1] += 0.8
     place, turn = forward_kinematics(low[:7])
-    assert place[2] < PEEK_HEIGHT
+    assert place[2] < RETREAT_HEIGHT
     target = controller.act(low, np.zeros(9), None, GOAL)
-    np.testing.assert_allclose(target.position, place + [0.0, 0.0, TIGHT.position])
+    np.testing.assert_allclose(target.position, place + [0.0, 0.0, RESIDUAL_LIMITS_FINAL.position])
     np.testing.assert_allclose(target.rotation, turn, atol=1e-12)
     assert np.abs(controller.act(low, np.zeros(9), START, GOAL).position - place)[:2].max() > 1e-6
-    never = PostContactController(weights_file("post_contact", CARD, folder), CARD, peek_after=0)
+    never = PostContactPolicy(weights_file("post_contact", CARD, folder), CARD, reobserve_after=0)
     never.act(low, np.zeros(9), START, GOAL)
     for _ in range(20):
         assert np.abs(never.act(low, np.zeros(9), None, GOAL).position - place)[:2].max() > 1e-6
 
 
 def test_a_network_that_gives_nan_is_refused(tmp_path):
-    network = PostContactPolicy()
+    network = PostContactNetwork()
     torch.nn.init.constant_(network.net[-1].bias, float("nan"))
     save(network, tmp_path / "broken.safetensors", PolicyContract.of(POST_CONTACT, CARD))
     with pytest.raises(PolicyError, match="20 finite numbers"):
-        PostContactController(tmp_path / "broken.safetensors", CARD).act(Q, np.zeros(9), START, GOAL)
+        PostContactPolicy(tmp_path / "broken.safetensors", CARD).act(Q, np.zeros(9), START, GOAL)
 
 
 def test_missing_and_foreign_weights_are_named(folder):
     with pytest.raises(WeightsError, match="post_contact_card.safetensors, which does not exist"):
         (folder / "post_contact_card.safetensors").unlink()
-        PostContactController(weights_file("post_contact", CARD, folder), CARD)
+        PostContactPolicy(weights_file("post_contact", CARD, folder), CARD)
     with pytest.raises(WeightsError, match="kind: expected post_contact, got pre_contact"):
-        PostContactController(weights_file("pre_contact", CARD, folder), CARD)
-    save(PreContactStudent(), weights_file("post_contact", CARD, folder), PolicyContract.of(POST_CONTACT, CARD))
-    with pytest.raises(WeightsError, match="does not fit PostContactPolicy"):
-        PostContactController(weights_file("post_contact", CARD, folder), CARD)
+        PostContactPolicy(weights_file("pre_contact", CARD, folder), CARD)
+    save(PreContactNetwork(), weights_file("post_contact", CARD, folder), PolicyContract.of(POST_CONTACT, CARD))
+    with pytest.raises(WeightsError, match="does not fit PostContactNetwork"):
+        PostContactPolicy(weights_file("post_contact", CARD, folder), CARD)
     with pytest.raises(WeightsError, match="expected a folder"):
         weights_file("pre_contact", CARD, folder / "nowhere")

@@ -12,8 +12,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from np_description.panda import STATE_NAMES
-from np_record.bag import Rows
-from np_record.bulk import BulkError, joint_states, serialized_joint_states
+from np_record.bag import TopicMessages
+from np_record.bulk import BulkError, joint_states, serialize_joint_states
 from np_record.topics import TIMELINE
 
 
@@ -28,7 +28,7 @@ def message(step, names=STATE_NAMES, frame="", numbers=None):
 
 
 def rows(*messages):
-    return Rows(TIMELINE, np.arange(len(messages)) * 7, list(messages))
+    return TopicMessages(TIMELINE, np.arange(len(messages)) * 7, list(messages))
 
 
 def read(*messages, names=STATE_NAMES):
@@ -54,7 +54,7 @@ def test_none_are_no_rows():
 def test_what_is_written_at_once_is_what_ros_reads(names, count):
     stamps = 1_999_999_993 * np.arange(count, dtype=np.int64)
     parts = np.random.default_rng(count).normal(size=(3, count, len(names)))
-    written = [deserialize_message(data, JointState) for data in serialized_joint_states(stamps, names, *parts)]
+    written = [deserialize_message(data, JointState) for data in serialize_joint_states(stamps, names, *parts)]
     assert len(written) == count
     for row, state in enumerate(written):
         assert state.header.stamp.sec * 10**9 + state.header.stamp.nanosec == stamps[row]

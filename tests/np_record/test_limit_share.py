@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from np_description.limit_share import LIMIT_NAMES, limit_shares, summary
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES
-from np_record.bulk import BulkError, joint_state_rows, serialized_joint_states
+from np_record.bulk import BulkError, joint_state_rows, serialize_joint_states
 
 share = st.floats(0, 1.2)
 
@@ -36,7 +36,7 @@ def test_episodes_are_summed_up_by_their_fastest_joint():
 
 def states(count, names=STATE_NAMES):
     values = np.arange(3.0 * count * len(names)).reshape(3, count, len(names))
-    return list(serialized_joint_states(np.arange(count), names, *values)), values
+    return list(serialize_joint_states(np.arange(count), names, *values)), values
 
 
 def test_rows_of_serialized_states_are_read_by_name():
@@ -49,7 +49,7 @@ def test_states_that_cannot_be_read_are_left_out():
     messages, values = states(4)
     broken = values[:, 1:2].copy()
     broken[0, 0, 2] = np.nan
-    bad = list(serialized_joint_states(np.zeros(1, np.int64), STATE_NAMES, *broken))
+    bad = list(serialize_joint_states(np.zeros(1, np.int64), STATE_NAMES, *broken))
     other, _ = states(1, ("wrist",))
     rows = joint_state_rows([messages[0], bad[0], other[0], messages[3][:-8], messages[2]], JOINT_NAMES)
     np.testing.assert_array_equal(rows, values[:, [0, 2], :7].transpose(1, 0, 2))

@@ -7,7 +7,7 @@ import pytest
 from np_common.rotations import matrix_from_quaternion
 from np_description.domains import BUMP, CARD, Pose
 from np_description.drawing import meshes
-from np_description.drawing.robot import shapes, urdf
+from np_description.drawing.robot import urdf, visual_shapes
 from np_description.drawing.scene_data import SceneData
 from np_description.panda import FINGER_MAX, NOMINAL
 from np_description.scene import build_scene, load_model
@@ -64,7 +64,7 @@ def looks(request):
 
 def dressed(domain, looks) -> mujoco.MjModel:
     spec = build_scene(domain)
-    meshes.dress(spec, looks)
+    meshes.attach_meshes(spec, looks)
     return spec.compile()
 
 
@@ -107,9 +107,9 @@ def test_motion_is_equal_bit_for_bit(looks):
 def test_a_mesh_stands_where_its_file_has_it(tetrahedra):
     """MuJoCo moves a mesh into axes of its own: the shape that is drawn has it back."""
     model = dressed(CARD, tetrahedra)
-    drawn = [shape for shape in shapes(model) if shape.kind == "mesh"]
+    drawn = [shape for shape in visual_shapes(model) if shape.kind == "mesh"]
     assert [shape.body for shape in drawn] == list(tetrahedra)
-    assert not [s for s in shapes(model) if s.body.startswith("panda") and s.kind != "mesh"]
+    assert not [s for s in visual_shapes(model) if s.body.startswith("panda") and s.kind != "mesh"]
     for shape in drawn:
         turn = np.empty(9)
         mujoco.mju_quat2Mat(turn, shape.quaternion)

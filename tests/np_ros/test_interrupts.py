@@ -8,9 +8,9 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import deserialize_message, serialize_message
 
-from np_ros.client.interrupts import interrupts_wait
-from np_ros.client.participant import Participant
-from np_ros.client.peer import Peer
+from np_ros.client.graph_client import GraphClient
+from np_ros.client.interrupts import defer_interrupts
+from np_ros.client.supervised_client import SupervisedGraphClient
 
 MESSAGE = serialize_message(DiagnosticArray(status=[DiagnosticStatus(name="x")] * 5))
 
@@ -24,14 +24,14 @@ def interrupted(number=signal.SIGINT):
 def test_an_interrupt_comes_after_the_block_and_handlers_are_those_of_before():
     before, went_on = signal.getsignal(signal.SIGINT), []
     with pytest.raises(KeyboardInterrupt):
-        with interrupts_wait():
+        with defer_interrupts():
             interrupted()
             went_on.append(True)
     assert went_on and signal.getsignal(signal.SIGINT) is before
 
 
 def test_an_interrupt_is_heard_where_the_block_fails():
-    with pytest.raises(KeyboardInterrupt), interrupts_wait():
+    with pytest.raises(KeyboardInterrupt), defer_interrupts():
         interrupted()
         raise ValueError
 
@@ -39,7 +39,7 @@ def test_an_interrupt_is_heard_where_the_block_fails():
 def test_what_ends_a_process_without_a_handler_is_left_alone():
     before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
-        with interrupts_wait():
+        with defer_interrupts():
             assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
     finally:
         signal.signal(signal.SIGTERM, before)
@@ -49,7 +49,7 @@ def test_in_another_thread_nothing_happens():
     seen = []
 
     def look():
-        with interrupts_wait():
+        with defer_interrupts():
             seen.append(signal.getsignal(signal.SIGINT))
 
     thread = threading.Thread(target=look)
@@ -59,7 +59,9 @@ def test_in_another_thread_nothing_happens():
 
 
 @pytest.mark.parametrize(
-    "spin", [lambda p: Peer.spin_once(p), lambda p: Participant._spin_once(p)], ids=["peer", "participant"]
+    "spin",
+    [lambda p: GraphClient.spin_once(p), lambda p: SupervisedGraphClient._spin_once(p)],
+    ids=["peer", "participant"],
 )
 def test_who_asks_the_graph_is_interrupted_between_two_spins(spin):
     class Spinning:

@@ -12,7 +12,7 @@ from np_control.safety import SafetyFilter, State
 from np_description.domains import BUMP, CARD, DOMAINS, WALL
 from np_description.panda import FINGER_SPEED, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.scene import load_model
-from np_sim_bridge.barrier import Barrier
+from np_sim_bridge.barrier import LockstepBarrier
 from np_sim_bridge.schedule import PERIOD, SECOND, Schedule
 from np_sim_bridge.simulation import Simulation
 
@@ -175,7 +175,7 @@ def test_rates_that_the_period_cannot_carry_are_refused(rates):
 
 
 def test_the_barrier_names_the_earliest_missing_answer():
-    barrier = Barrier(Schedule(), tick_barrier=True)
+    barrier = LockstepBarrier(Schedule(), tick_barrier=True)
     tick = Schedule().policy_period
     barrier.begin(tick)
     assert barrier.missing() == "episode/tick"
@@ -195,7 +195,7 @@ def test_the_barrier_names_the_earliest_missing_answer():
 
 
 def test_without_the_tick_barrier_only_the_controller_is_waited_for():
-    barrier = Barrier(Schedule(), tick_barrier=False)
+    barrier = LockstepBarrier(Schedule(), tick_barrier=False)
     barrier.begin(0)
     assert barrier.missing() == "effort_command"
     barrier.command(0)

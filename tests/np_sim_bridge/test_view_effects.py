@@ -15,8 +15,8 @@ from sim2real.effects.sentences import ValueWithInterval, describe_effect, templ
 from np_description.camera import CAMERA
 from np_description.domains import CARD, Pose, sample_task
 from np_description.keypoints import box_keypoints
-from np_perception.seen_corners import SeenCorners
-from np_sim_bridge.view import View
+from np_perception.occluded_keypoints import OccludedKeypointBuffer
+from np_sim_bridge.view import SceneView
 
 every = pytest.mark.parametrize("record", CAMERA_EFFECTS.values(), ids=list(CAMERA_EFFECTS))
 HALF_SIZE = np.asarray(CARD.half_size)
@@ -156,7 +156,7 @@ def test_noise_has_its_spread_and_its_memory():
 
 
 def test_corners_between_two_poses_and_after_a_leap():
-    corners = SeenCorners(HALF_SIZE, 0.1)
+    corners = OccludedKeypointBuffer(HALF_SIZE, 0.1)
     poses = [Pose(np.array([0.5 + 0.01 * n, 0.0, 0.01]), np.array([1.0, 0, 0, 0])) for n in range(6)]
     for n, pose in enumerate(poses):
         corners.keep(n * PERIOD, pose)
@@ -169,28 +169,28 @@ def test_corners_between_two_poses_and_after_a_leap():
 def test_a_picture_goes_through_the_lens_as_its_corners_do():
     patch = Patch((*patch_of("lens_distortion", k1=-0.4).effects, *patch_of("camera_intrinsics", focal=0.03).effects))
     effects = CameraEffects(patch)
-    view, spot = View(effects), np.array([60, 40])
+    view, spot = SceneView(effects), np.array([60, 40])
     picture = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
     cv2.circle(picture, spot.tolist(), 4, (255, 255, 255), -1)
     shown = view.through_lens(picture)[..., 0].astype(float)
     centre = np.array([(shown * axis).sum() / shown.sum() for axis in np.meshgrid(*map(np.arange, shown.shape))])
     assert np.allclose(centre, effects.lens(spot.astype(float)), atol=0.2)
-    plain = View(CameraEffects(Patch()))
+    plain = SceneView(CameraEffects(Patch()))
     assert plain.through_lens(picture) is picture
 
 
 def test_a_late_picture_is_of_the_scene_before_and_a_repeated_one_of_the_last():
-    late = View(CameraEffects(patch_of("camera_latency", delay=0.01)))
+    late = SceneView(CameraEffects(patch_of("camera_latency", delay=0.01)))
     for n in range(20):
         late.keep(2_000_000 * n, lambda n=n: np.array([n]))
     assert late.scene(2_000_000 * 19, lambda: None) == [14]
     late.begin()
     late.keep(40_000_000, lambda: np.array([99]))
     assert late.scene(40_000_000, lambda: None) == [99]  # nothing is known of before
-    repeating = View(CameraEffects(patch_of("frame_drop", share=0.9), seed=3))
+    repeating = SceneView(CameraEffects(patch_of("frame_drop", share=0.9), seed=3))
     shown = []
     for n in range(60):
         repeating.keep(PERIOD * n, lambda n=n: np.array([n]))
         shown.append(int(repeating.scene(PERIOD * n, lambda: None)[0]))
     assert shown[0] == 0 and shown == sorted(shown) and 2 < len(set(shown)) < 30
-    assert View(CameraEffects(Patch())).scene(0, lambda: "now") == "now"
+    assert SceneView(CameraEffects(Patch())).scene(0, lambda: "now") == "now"

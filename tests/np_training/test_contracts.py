@@ -15,8 +15,8 @@ from np_description.weights.header import read_metadata, tensors_sha256, with_me
 from np_description.weights.released import WeightsError, sha256
 from np_perception.detector import KeypointDetector
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
-from np_policy.networks import PostContactPolicy
-from np_policy.policy import PostContactController
+from np_policy.networks import PostContactNetwork
+from np_policy.policy import PostContactPolicy
 from np_training import contracts
 from np_training.contracts import add_contract, trained_contract
 from np_training.physics.config import PhysicsConfig
@@ -25,7 +25,7 @@ from np_training.physics.config import PhysicsConfig
 def test_a_contract_is_added_once_beside_the_tensors_as_they_were(tmp_path, monkeypatch, capsys):
     path = tmp_path / "post_contact_bump.safetensors"
     torch.manual_seed(0)
-    save_file(PostContactPolicy().state_dict(), path, metadata={"domain": "bump", "date": "before"})
+    save_file(PostContactNetwork().state_dict(), path, metadata={"domain": "bump", "date": "before"})
     before, tensors = sha256(path), tensors_sha256(path)
     path.with_suffix(".md").write_text(f"# Card\n\nfile, sha256 `{before}`\n")
     for said in ("contract added", "has a contract, left alone"):
@@ -34,7 +34,7 @@ def test_a_contract_is_added_once_beside_the_tensors_as_they_were(tmp_path, monk
         assert said in capsys.readouterr().out
     assert tensors_sha256(path) == tensors and sha256(path) != before
     assert read_metadata(path).keys() == {"domain", "date", KEY}
-    assert PostContactController(path, BUMP).warnings == []
+    assert PostContactPolicy(path, BUMP).warnings == []
     card = path.with_suffix(".md").read_text()
     assert f"file, sha256 `{sha256(path)}`" in card and card.count(before) == 1 and card.count(tensors) == 1
 

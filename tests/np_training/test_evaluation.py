@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from np_description.camera import CAMERA
-from np_description.contact.depths import Tally
+from np_description.contact.depths import DepthHistogram
 from np_description.domains import BUMP
 from np_training import evaluate as command
 from np_training.environment.environment import Environment, EnvironmentConfig
@@ -36,7 +36,7 @@ def make_episodes(modes: list[str], over: float = 0.0) -> Episodes:
         np.zeros(n),
         np.full((2, n, 7), over),
         np.full((3, n, 7), 0.5),
-        Tally(),
+        DepthHistogram(),
         np.linspace(0.0, 1.0, n),
         np.stack([np.linspace(0.0, 50.0, n)] * 5),
         np.stack([np.full(n, 8.0), np.full(n, 2.0)]),

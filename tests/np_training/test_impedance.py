@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from np_control import impedance
 from np_control.controller import Controller, ControllerConfig
 from np_control.dynamics import Dynamics
-from np_control.following import RealtimeCommandInput
+from np_control.realtime_input import RealtimeCommandInput
 from np_control.safety import LIMITS, SafetyFilter
 from np_control.trajectory import Trajectory
 from np_description.domains import CARD

@@ -9,11 +9,11 @@ import pytest
 import torch
 
 from np_description.domains import BUMP, DOMAINS
-from np_description.objects.choice import choice_of, domain_with
+from np_description.objects.choice import domain_with, object_reference
 from np_description.objects.table import ROWS
 from np_description.weights.header import read_metadata
 from np_policy.contract import PRE_CONTACT, PolicyContract, weights_file
-from np_policy.networks import PreContactStudent
+from np_policy.networks import PreContactNetwork
 from np_policy.weights import load
 from np_training import distill, evaluate, release, train
 from np_training.environment import contact
@@ -49,16 +49,16 @@ def refusal(monkeypatch, capsys, module, *options: object) -> str:
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.spec.domain}-{row.spec.name}")
 def test_a_domain_tells_the_choice_that_it_was_made_by(row):
-    assert choice_of(domain_with(row.spec.domain, row.spec.name)) == row.spec.name
+    assert object_reference(domain_with(row.spec.domain, row.spec.name)) == row.spec.name
 
 
 def test_a_file_is_told_by_its_content(tmp_path):
     (tmp_path / "cube.yaml").write_text(FILE)
     domain = domain_with("bump", str(tmp_path / "cube.yaml"))
-    text = choice_of(domain)
+    text = object_reference(domain)
     (tmp_path / "cube.yaml").unlink()
     assert domain_with("bump", text) == domain and "my cube" in text
-    assert all(choice_of(domain) == "default" for domain in DOMAINS.values())
+    assert all(object_reference(domain) == "default" for domain in DOMAINS.values())
 
 
 def test_a_checkpoint_that_says_nothing_was_trained_with_the_cards_own_object():
@@ -74,7 +74,7 @@ def test_a_checkpoint_that_says_nothing_was_trained_with_the_cards_own_object():
 def test_an_object_goes_from_the_training_to_everything_that_comes_of_it(tmp_path, monkeypatch, capsys):
     folder, checkpoint = tmp_path / "run", tmp_path / "run" / "checkpoint.pt"
     (tmp_path / "cube.yaml").write_text(FILE)
-    text = choice_of(domain_with("bump", str(tmp_path / "cube.yaml")))
+    text = object_reference(domain_with("bump", str(tmp_path / "cube.yaml")))
     training = ["--domain", "bump", "--out", folder, *TINY]
     line = run(monkeypatch, capsys, train, *training, "--object", tmp_path / "cube.yaml")
     assert (line["domain"], line["object"], line["scenario"]) == ("bump", text, 0)
@@ -188,7 +188,7 @@ def test_a_student_reaches_an_object_of_another_size_where_the_network_alone_wou
     size = [2 * factor * half for half in spec.half_size]
     text = json.dumps({"name": "other", "domain": domain, "size": size, "mass": spec.mass, "surface": "paper"})
     other = domain_with(domain, text)
-    network = load(PreContactStudent(), weights_file(PRE_CONTACT, spec), PolicyContract.of(PRE_CONTACT, spec))
+    network = load(PreContactNetwork(), weights_file(PRE_CONTACT, spec), PolicyContract.of(PRE_CONTACT, spec))
     objects, goals = sample_tasks(other, 40, torch.Generator().manual_seed(0))
     with torch.no_grad():
         (position, *chosen), (alone, *_) = (

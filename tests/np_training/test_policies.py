@@ -15,7 +15,7 @@ from np_description.domains import BUMP, CARD, DOMAINS, WALL
 from np_description.hand import FLAT_HAND, ROUND_HAND
 from np_description.panda import NOMINAL
 from np_policy import hand_pose
-from np_policy.networks import PreContactStudent
+from np_policy.networks import PreContactNetwork
 from np_training import train
 from np_training.environment import contact
 from np_training.environment.environment import PRE_STATE_SIZE, Environment, EnvironmentConfig, pre_contact_state
@@ -434,7 +434,7 @@ def test_a_student_may_learn_of_practice_that_sinks_no_obstacle():
 
 def test_evaluation_counts_every_episode(environment):
     environment.config = dataclasses.replace(environment.config, limit=3)
-    figures = evaluate(environment, ActorCritic(), Student(PreContactStudent()))
+    figures = evaluate(environment, ActorCritic(), Student(PreContactNetwork()))
     assert figures["episodes"] == WORLDS
     assert (
         round(figures["success"] * WORLDS)

@@ -10,7 +10,7 @@ import torch
 from np_description.domains import BUMP, CARD
 from np_description.weights.header import tensors_sha256
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
-from np_policy.networks import PostContactPolicy, PreContactStudent
+from np_policy.networks import PostContactNetwork, PreContactNetwork
 from np_policy.weights import WeightsError, load, save, sha256
 from np_training.episodes.evaluation import rate, read_checkpoint
 from np_training.ppo.config import PPOConfig
@@ -141,7 +141,7 @@ def test_a_folder_without_a_log_is_refused(tmp_path):
 
 
 def test_a_release_has_the_weights_of_the_run_and_its_figures(folder, tmp_path):
-    student = PreContactStudent()
+    student = PreContactNetwork()
     save(student, tmp_path / "student.safetensors", PolicyContract.of(PRE_CONTACT, BUMP), {"domain": "bump"})
     state = torch.load(folder / "checkpoint.pt", weights_only=True)
     files = release(
@@ -154,7 +154,7 @@ def test_a_release_has_the_weights_of_the_run_and_its_figures(folder, tmp_path):
         "python -m np_training.train --domain bump",
     )
     assert [file.name for file in files] == ["post_contact_bump.safetensors", "pre_contact_bump.safetensors"]
-    post = load(PostContactPolicy(), files[0], PolicyContract.of(POST_CONTACT, BUMP)).state_dict()
+    post = load(PostContactNetwork(), files[0], PolicyContract.of(POST_CONTACT, BUMP)).state_dict()
     assert all(torch.equal(post[name], state["networks"][f"post.{name}"]) for name in post)
     card = files[0].with_suffix(".md").read_text()
     for part in (
@@ -179,7 +179,7 @@ def test_a_release_has_the_weights_of_the_run_and_its_figures(folder, tmp_path):
 
 def test_a_checkpoint_that_was_released_can_be_released_again(folder, tmp_path):
     """It has learning rates in place of optimisers, which a release does not need: it leaves them out itself."""
-    save(PreContactStudent(), tmp_path / "student.safetensors", PolicyContract.of(PRE_CONTACT, BUMP))
+    save(PreContactNetwork(), tmp_path / "student.safetensors", PolicyContract.of(PRE_CONTACT, BUMP))
     state = torch.load(folder / "checkpoint.pt", weights_only=True)
     for name in ("first", "second"):
         folders = tmp_path / name, tmp_path / "results"
@@ -189,7 +189,7 @@ def test_a_checkpoint_that_was_released_can_be_released_again(folder, tmp_path):
 
 
 def test_a_student_of_another_task_is_not_released(folder, tmp_path):
-    save(PreContactStudent(), tmp_path / "student.safetensors", PolicyContract.of(PRE_CONTACT, CARD))
+    save(PreContactNetwork(), tmp_path / "student.safetensors", PolicyContract.of(PRE_CONTACT, CARD))
     state, folders = (
         torch.load(folder / "checkpoint.pt", weights_only=True),
         (tmp_path / "weights", tmp_path / "results"),

@@ -11,8 +11,8 @@ from np_common.rotations import matrix_from_quaternion
 from np_description.domains import BUMP, WALL
 from np_description.weights.header import read_metadata
 from np_policy.contract import PRE_CONTACT, PolicyContract
-from np_policy.networks import PreContactStudent
-from np_policy.other_size import sizes_known
+from np_policy.networks import PreContactNetwork
+from np_policy.size_generalization import read_size_range
 from np_policy.weights import load
 from np_training import distill, train
 from np_training.environment import contact
@@ -170,8 +170,8 @@ def test_a_student_of_sizes_is_taught_what_the_teacher_does_with_each_and_says_w
     monkeypatch.setattr("sys.argv", ["distill", *map(str, options), "--sizes", "0.8", "1.2"])
     distill.main()
     file = json.loads(capsys.readouterr().out.splitlines()[-1])["file"]
-    assert sizes_known(read_metadata(file)) == (0.8, 1.2)
-    student = Student(load(PreContactStudent(), file, PolicyContract.of(PRE_CONTACT, WALL)), "default", (0.8, 1.2))
+    assert read_size_range(read_metadata(file)) == (0.8, 1.2)
+    student = Student(load(PreContactNetwork(), file, PolicyContract.of(PRE_CONTACT, WALL)), "default", (0.8, 1.2))
     tasks = draw_tasks(WALL, (1.0,), 400, torch.Generator().manual_seed(9), (0.8, 1.2))
     with torch.no_grad():
         height = student.hand_poses(WALL, tasks.starts, tasks.goals)[0][:, 2]

@@ -10,7 +10,7 @@ from np_common.rotations import matrix_from_quaternion, quaternion_multiply
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, CARD, WALL, sample_task
 from np_description.keypoints import box_keypoints
-from np_description.symmetry import corner_orders, naming, renamed, symmetries
+from np_description.symmetry import canonical_rotation, canonicalize_keypoints, corner_orders, symmetries
 from np_policy.observation import normalised_keypoints
 from np_training.environment.environment import as_seen, corners
 from np_training.tasks.poses import Poses
@@ -50,7 +50,7 @@ def test_a_policy_sees_the_same_whatever_the_faces_are_called(seed, index):
     start, goal = sample_task(BUMP, np.random.default_rng(seed))
     turn = symmetries(BUMP.half_size)[index]
     seen = [
-        renamed(BUMP, *(pixels(BUMP, pose.position, q) for pose, q in ((start, a), (goal, b))))
+        canonicalize_keypoints(BUMP, *(pixels(BUMP, pose.position, q) for pose, q in ((start, a), (goal, b))))
         for a, b in (
             (start.quaternion, goal.quaternion),
             (quaternion_multiply(start.quaternion, turn), quaternion_multiply(goal.quaternion, turn)),
@@ -62,20 +62,20 @@ def test_a_policy_sees_the_same_whatever_the_faces_are_called(seed, index):
 def test_goals_are_seen_upright_and_turned_by_an_eighth_of_a_turn_at_most():
     goals = [sample_task(BUMP, np.random.default_rng(seed))[1] for seed in range(500)]
     positions, quaternions = (np.stack([getattr(g, name) for g in goals]) for name in ("position", "quaternion"))
-    index = naming(BUMP, pixels(BUMP, positions, quaternions))
+    index = canonical_rotation(BUMP, pixels(BUMP, positions, quaternions))
     matrices = matrix_from_quaternion(quaternion_multiply(quaternions, symmetries(BUMP.half_size)[index]))
     np.testing.assert_allclose(matrices[:, 2, 2], 1, atol=1e-9)
     yaw = np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0])
     assert np.abs(yaw).max() < np.pi / 4 + 0.12  # the picture decides, not the angle: perspective shifts the border
     assert len(set(index.tolist())) == 24
-    in_torch = naming(BUMP, torch.from_numpy(pixels(BUMP, positions, quaternions)))
+    in_torch = canonical_rotation(BUMP, torch.from_numpy(pixels(BUMP, positions, quaternions)))
     assert in_torch.tolist() == index.tolist()
 
 
 @pytest.mark.parametrize("domain", [CARD, WALL])
 def test_faces_that_are_not_interchangeable_keep_their_names(domain):
     start, goal = (pixels(domain, p.position, p.quaternion) for p in sample_task(domain, np.random.default_rng(0)))
-    for before, after in zip((start, goal), renamed(domain, start, goal)):
+    for before, after in zip((start, goal), canonicalize_keypoints(domain, start, goal)):
         np.testing.assert_array_equal(before, after)
 
 
@@ -89,6 +89,6 @@ def test_training_sees_what_the_nodes_see(seed, index):
         for p in (start, goal)
     ]
     seen = as_seen(BUMP, *called)
-    nodes = renamed(BUMP, *(pixels(BUMP, p.position, p.quaternion) for p in (start, goal)))
+    nodes = canonicalize_keypoints(BUMP, *(pixels(BUMP, p.position, p.quaternion) for p in (start, goal)))
     for poses, expected in zip(seen, nodes):
         np.testing.assert_allclose(normalised_keypoints(corners(BUMP, poses))[0].numpy(), expected, atol=1e-9)

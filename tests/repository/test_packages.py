@@ -23,8 +23,6 @@ from packages import (
 )
 
 MODULES = modules()
-DOWN_THE_STAIRS = {("np_evaluation", "np_training")}
-"""The one arrow upwards: `make bench` measures the detector against its torch module where that is installed."""
 
 KEYS = {
     "PIL": "python3-pil",
@@ -48,7 +46,7 @@ def imported(package: str) -> dict[str, str]:
     found = {}
     for path in sources(package):
         for name in (module.partition(".")[0] for module in imports(path)):
-            if name not in sys.stdlib_module_names and name != package and (package, name) not in DOWN_THE_STAIRS:
+            if name not in sys.stdlib_module_names and name != package:
                 found[KEYS.get(name, name)] = str(path.relative_to(ROOT))
     return found
 
@@ -89,7 +87,7 @@ def test_packages_import_only_from_lower_floors():
         for name in packages_of(path) - {package}:
             if FLOOR[name] >= FLOOR[package] and FLOOR[package] < len(FLOORS) - 1:
                 upwards.add((package, name))
-    assert upwards == DOWN_THE_STAIRS
+    assert not upwards
 
 
 def test_only_the_evaluation_and_the_benchmark_import_bringup():
@@ -117,8 +115,6 @@ def test_no_circle_between_packages():
     for module, path in MODULES.items():
         package = module.partition(".")[0]
         arrows[package] |= packages_of(path) - {package}
-    for package, above in DOWN_THE_STAIRS:
-        arrows[package].discard(above)
     assert not circle(arrows)
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from arm_generator import record as panda_log
 from rclpy.serialization import serialize_message
-from sim2real.arm import rigid
+from sim2real.arm import rigid_body as rigid
 from sim2real.arm.files import load_arm
 from sim2real.arm.model import panda
-from sim2real.checks.plausibility import check
+from sim2real.checks.plausibility import check_plausibility
 from sim2real.cli import diagnose as command
 from sim2real.diagnosis import explain_gap
 from sim2real.effects.patch import load_patch
-from sim2real.recordings.current import as_current, as_torque, torque_constants
+from sim2real.recordings.motor_current import current_to_torque, estimate_torque_constants, mark_as_current
 from sim2real.recordings.reading import ContractViolation, load_log
 from sim2real.recordings.signals import Commands, Log
 from six_hinges import MJCF, PER_AMPERE, RATE, URDF, Truth, record
@@ -52,7 +52,7 @@ def assert_loaded(found, within=0.03):
 @pytest.mark.parametrize("rate", [100, 1000])  # 250 where an arm is strong, or from URDF
 def test_an_arm_is_well_or_is_not_at_any_rate(tmp_path, rate):
     well = log_of(tmp_path, rate=rate)
-    check(well, ARM)
+    check_plausibility(well, ARM)
     if rate == 100:  # at 1,000 by current, below
         assert explain_gap([well], ARM).verdict == "no_gap"
     assert_loaded(named(explain_gap([log_of(tmp_path, LOADED, rate=rate)], ARM)))
@@ -62,7 +62,7 @@ def test_an_arm_is_well_or_is_not_at_any_rate(tmp_path, rate):
 def test_noisy_speeds_of_few_rows_a_second_are_no_pattern(tmp_path, seed):
     """Accelerations of the past tell the noise of the present one, which is in the residual of r2 as well."""
     log = log_of(tmp_path, rate=100, seed=seed, noise=seed + 3, encoders=True)
-    check(log, ARM)
+    check_plausibility(log, ARM)
     diagnosis = explain_gap([log], ARM)
     assert diagnosis.verdict == "no_gap" and not named(diagnosis)
 
@@ -98,8 +98,11 @@ def test_what_changed_is_found_in_an_arm_of_which_no_model_is_right(tmp_path, is
         "both": recorded(replace(WRONG, friction=(*WRONG.friction, (2, 0.8)), payload=0.4), 7),
     }
     if is_current:
-        known = torque_constants([before], ARM)
-        before, later = as_torque(before, known), {name: as_torque(log, known) for name, log in later.items()}
+        known = estimate_torque_constants([before], ARM)
+        before, later = (
+            current_to_torque(before, known),
+            {name: current_to_torque(log, known) for name, log in later.items()},
+        )
     found = {name: explain_gap([log], ARM, reference=[before]) for name, log in later.items()}
     assert found["nothing"].verdict == "no_gap"
     both = named(found["both"])
@@ -113,7 +116,7 @@ def test_what_changed_is_found_in_an_arm_of_which_no_model_is_right(tmp_path, is
 def test_motor_current_tells_its_constants_and_the_effects_and_no_torque_scale(tmp_path):
     for truth in (Truth(), LOADED):
         log = log_of(tmp_path, truth, current=True)
-        diagnosis = explain_gap([as_torque(log, torque_constants([log], ARM))], ARM)
+        diagnosis = explain_gap([current_to_torque(log, estimate_torque_constants([log], ARM))], ARM)
         constants = diagnosis.context.logs[0].per_ampere
         assert np.allclose(constants, PER_AMPERE, rtol=0.01)
         assert "torque_scale" not in {c.effect.id for c in diagnosis.design.candidates}
@@ -140,9 +143,9 @@ def test_a_current_that_tells_nothing_is_refused(tmp_path):
         log, velocity=log.velocity * (np.arange(6) != 2), position=np.where(np.arange(6) == 2, 1.2, log.position)
     )
     with pytest.raises(ValueError, match="current of elbow: .*too little motion.*torque_per_ampere"):
-        torque_constants([still], ARM)
+        estimate_torque_constants([still], ARM)
     with pytest.raises(ValueError, match="current of wrist_1: expected one that grows"):
-        torque_constants([replace(log, torque=log.torque * np.where(np.arange(6) == 3, -1, 1))], ARM)
+        estimate_torque_constants([replace(log, torque=log.torque * np.where(np.arange(6) == 3, -1, 1))], ARM)
 
 
 def test_the_command_says_what_could_not_be_told_and_whose_the_patch_is(tmp_path, capsys):
@@ -215,7 +218,7 @@ def test_a_bag_of_another_arm_may_name_more_joints_in_another_order(tmp_path):
     assert np.allclose(found.position, log.position) and np.allclose(found.torque, log.torque)
     assert np.allclose(found.commands.torque, log.commands.torque) and not found.commands.has_law
     assert found.torque_time[0] == pytest.approx(-0.004)
-    current = as_current(found)
+    current = mark_as_current(found)
     assert current.is_current and current.with_gravity and current.commands is None
     with pytest.raises(ContractViolation, match="joint_states: expected joints wrist_3, got finger"):
         load_log(bag_of(tmp_path / "short", log, ["finger", *ARM.joints[:5]]), ARM.joints)

@@ -8,9 +8,9 @@ import pytest
 from arm_generator import Truth, at, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim2real.arm import rigid
+from sim2real.arm import rigid_body as rigid
 from sim2real.arm.model import panda
-from sim2real.arm.stages import drive
+from sim2real.arm.nominal_prediction import make_drive
 from sim2real.cli.diagnose import parse
 from sim2real.diagnosis import explain_gap
 from sim2real.effects.recurrences import bristle_deflection, bristle_state
@@ -18,13 +18,13 @@ from sim2real.effects.stage import Stage
 from sim2real.effects.torque_loop import torque_saturation
 from sim2real.effects.transmission import backlash
 from sim2real.inference import nuisances
-from sim2real.inference.change import apart, directions
-from sim2real.inference.context import lost_since, make_context
-from sim2real.inference.design import make_design
-from sim2real.inference.loop_delay import settle_delay
-from sim2real.inference.residuals import Stages
+from sim2real.inference.context import find_packets_lost_since, make_context
+from sim2real.inference.loop_delay import estimate_loop_delay
+from sim2real.inference.projection import orthonormal_basis, project_out
+from sim2real.inference.regression import make_regression
+from sim2real.inference.residual_stages import ResidualStages
 from sim2real.report.document import make_report, to_json
-from sim2real.simulation.patching import make_patch
+from sim2real.simulation.patch_trial import make_patch
 
 # Against the nominal arm: friction, damping, an offset, what no catalogue knows, and every link 5 % heavier.
 WRONG = Truth(
@@ -130,7 +130,7 @@ def commands_that_wander(rng, shares, noise=0.02):
 @given(st.integers(0, 10**6), st.sampled_from([0.0, 0.02, 0.05]))
 def test_packets_that_always_were_lost_are_no_change(seed, share):
     d = commands_that_wander(np.random.default_rng(seed), (share, share))
-    held, more, error, set_aside = lost_since(d, 1)
+    held, more, error, set_aside = find_packets_lost_since(d, 1)
     assert abs(more) < 5 * error + 1e-5
     if more <= 3 * error:  # a chance of one in seven hundred that it is more
         assert not held.any() and set_aside.mean() == pytest.approx(share, abs=0.01)
@@ -140,7 +140,7 @@ def test_packets_that_always_were_lost_are_no_change(seed, share):
 @given(st.integers(0, 10**6), st.sampled_from([0.0, 0.02]))
 def test_more_lost_packets_are_those_of_the_later_recording(seed, before):
     d = commands_that_wander(np.random.default_rng(seed), (before, before + 0.04))
-    held, more, error, set_aside = lost_since(d, 1)
+    held, more, error, set_aside = find_packets_lost_since(d, 1)
     assert more == pytest.approx(0.04, abs=5 * error)
     now = d.trajectory == 1
     assert held[now].any() and not held[~now].any() and not set_aside[now].any()
@@ -149,19 +149,19 @@ def test_more_lost_packets_are_those_of_the_later_recording(seed, before):
 def test_no_delay_is_usual_between_two_recordings(before):
     one, two = make_context([before], panda()), context_of(before, before)
     for stage in (Stage.DRIVE, Stage.DYNAMICS):
-        (usual, *_), (change, *_) = (nuisances.parameters(c, stage, 0) for c in (one, two))
+        (usual, *_), (change, *_) = (nuisances.nuisance_parameters(c, stage, 0) for c in (one, two))
         assert usual.name == change.name and usual.upper > 1e-3
         assert change.centre == 0.0 and change.upper <= 3e-4 and change.lower == -change.upper
-    design = make_design(two)
-    assert settle_delay(design) is design
+    design = make_regression(two)
+    assert estimate_loop_delay(design) is design
 
 
 def test_what_any_arm_has_is_on_both_days_alike(before):
     """Its links are the same, and it creeps as much: a share of friction that turns over late is new only where it is more."""
     one, two = make_context([before], panda()), context_of(before, before)
     for joint in range(7):
-        usual, change = (nuisances.parameters(c, Stage.DYNAMICS, joint) for c in (one, two))
-        shown = nuisances.columns(two, Stage.DYNAMICS, joint)
+        usual, change = (nuisances.nuisance_parameters(c, Stage.DYNAMICS, joint) for c in (one, two))
+        shown = nuisances.nuisance_columns(two, Stage.DYNAMICS, joint)
         assert len(change) == shown.shape[1] == len(usual) - one.prediction.link_errors[joint].shape[1]
         assert (np.abs(shown).max(axis=0) > 0).all()
         assert all(p.centre == 0.0 and p.lower == -p.upper for p in change)
@@ -180,8 +180,8 @@ def test_the_delay_that_a_loop_had_is_that_of_the_reference(before):
     after = record(WRONG, name="new", noise=99)
     torque = after.torque.copy()
     torque[1:] -= 0.4 * np.diff(after.torque, axis=0)
-    late = drive([before, replace(after, torque=torque)], panda(), 1).late
-    assert late == pytest.approx(drive([before], panda()).late)
+    late = make_drive([before, replace(after, torque=torque)], panda(), 1).late
+    assert late == pytest.approx(make_drive([before], panda()).late)
 
 
 @settings(max_examples=20, deadline=None)
@@ -191,10 +191,10 @@ def test_what_recordings_have_in_common_is_taken_out_and_what_one_has_alone_stay
     common, rows = rng.normal(size=(400, 6)), np.ones(400, bool)
     later = np.repeat([0, 1], 200) == 1
     new = common[:, :1] * later[:, None]
-    left = apart(directions(common, rows), rows, np.column_stack([common @ rng.normal(size=6), new[:, 0]]))
+    left = project_out(orthonormal_basis(common, rows), rows, np.column_stack([common @ rng.normal(size=6), new[:, 0]]))
     assert np.abs(left[:, 0]).max() < 1e-9
     assert 0.3 < left[:, 1] @ left[:, 1] / (new[:, 0] @ new[:, 0]) < 0.7  # the half of which the reference tells
-    assert np.array_equal(apart(directions(np.zeros((400, 2)), rows), rows, new), new)
+    assert np.array_equal(project_out(orthonormal_basis(np.zeros((400, 2)), rows), rows, new), new)
 
 
 def test_days_begin_anew_and_recordings_of_one_day_follow_each_other(before):
@@ -206,7 +206,7 @@ def test_days_begin_anew_and_recordings_of_one_day_follow_each_other(before):
 
 def test_friction_that_falls_alike_on_both_days_is_the_same_column_on_both(before):
     c = make_context([before, before], panda(), 1)
-    effects = [e for e in Stages(c).signatures if e.id == "thermal_drift"]
+    effects = [e for e in ResidualStages(c).regressors if e.id == "thermal_drift"]
     now = c.is_later(c.samples.trajectory)
     assert effects
     for effect in effects:
@@ -227,17 +227,19 @@ def test_hysteresis_that_a_gear_always_had_is_no_change(before):
         return 1e-4 * load + 1e-4 * bristle_state(np.diff(1e-4 * load, prepend=1e-4 * load[:1]), 2e-4)
 
     c = context_of(*(with_motor(before, 3, wound, seed) for seed in (1, 2)))
-    stages, nothing = Stages(c), np.zeros((len(c.samples.time), 0))
+    stages, nothing = ResidualStages(c), np.zeros((len(c.samples.time), 0))
     rows, twist = stages.rows(Stage.TRANSMISSION, 3), stages.residual(Stage.TRANSMISSION, 3)
-    _, left = stages.change(Stage.TRANSMISSION, 3, rows, nothing, twist)
-    straight = apart(directions(nuisances.columns(c, Stage.TRANSMISSION, 3), rows), rows, twist[:, None])
+    _, left = stages.project_out_reference(Stage.TRANSMISSION, 3, rows, nothing, twist)
+    straight = project_out(
+        orthonormal_basis(nuisances.nuisance_columns(c, Stage.TRANSMISSION, 3), rows), rows, twist[:, None]
+    )
     assert np.std(left[rows]) < 0.3 * np.std(straight[rows])
 
 
 def test_a_limit_that_a_drive_always_had_is_no_change(before):
     """It lies between two limits that are tried; what it takes is gone from either stage, and not only from r1."""
     joint, stages_of = 3, (Stage.DRIVE, Stage.DYNAMICS)
-    given_ = drive([before], panda())
+    given_ = make_drive([before], panda())
     limit = 0.817 * np.abs(given_.commanded + given_.gravity)[:, joint].max()
     held = rigid.gravity_torque(panda(), before.position)[:, joint]
 
@@ -247,11 +249,11 @@ def test_a_limit_that_a_drive_always_had_is_no_change(before):
         return replace(log, torque=torque)
 
     logs = limited(before), limited(record(WRONG, name="new", noise=99))
-    stages, whole = Stages(context_of(*logs)), Stages(make_context(list(logs), panda()))
+    stages, whole = ResidualStages(context_of(*logs)), ResidualStages(make_context(list(logs), panda()))
     shown = torque_saturation._signature(limit, joint, False)
     for stage in stages_of:
         rows, said = stages.rows(stage, joint), whole.columns(shown, stage, joint)
-        _, left = stages.change(stage, joint, rows, said[:, :0], said[:, 0])
+        _, left = stages.project_out_reference(stage, joint, rows, said[:, :0], said[:, 0])
         assert np.std(said[rows]) > 0.05 and np.std(left[rows]) < 0.05 * np.std(said[rows])
 
 

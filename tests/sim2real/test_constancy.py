@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arm_generator import PERIOD, Truth, record
-from sim2real.arm import rigid
+from sim2real.arm import rigid_body as rigid
 from sim2real.arm.model import panda
-from sim2real.arm.stages import expected_torque
-from sim2real.checks.constancy import _has_slipped, misfits, unexplained_patterns
-from sim2real.checks.omnibus import omnibus_test
+from sim2real.arm.nominal_prediction import expected_torque
+from sim2real.checks.lack_of_fit import omnibus_test
+from sim2real.checks.stationarity import _has_slipped, find_patterns, measure_misfits
 from sim2real.effects.transmission import transmission_hysteresis as transmission
 from sim2real.inference.context import make_context
-from sim2real.inference.design import make_design
-from sim2real.inference.search import Search
+from sim2real.inference.regression import make_regression
+from sim2real.inference.search import ModelSearch
 from sim2real.recordings.signals import Log
 
 JOINT = 2  # counted from 0: the third
@@ -26,7 +26,7 @@ def log():
     return replace(clean, motor=clean.position + 1e-5 * rng.normal(size=clean.position.shape))
 
 
-def asked(log, scale):
+def question_columns(log, scale):
     """The log of an arm one joint of which gives `scale` times what it is asked for."""
     commands = log.commands.torque.copy()
     commands[:, JOINT] /= scale
@@ -35,11 +35,11 @@ def asked(log, scale):
 
 def left_of(log, effect, joint=JOINT):
     """(question, joint) of what stands out beside this one effect; of a clean arm's where it is None."""
-    search = Search(make_design(make_context([log], panda())))
+    search = ModelSearch(make_regression(make_context([log], panda())))
     places = enumerate(search.design.candidates)
     members = tuple(n for n, c in places if c.effect.key == effect and c.joint == joint)
     assert len(members) == (effect is not None)
-    return {(m.question, m.joint) for m in unexplained_patterns(search, members, omnibus_test(search, members))}
+    return {(m.question, m.joint) for m in find_patterns(search, members, omnibus_test(search, members))}
 
 
 def swinging(log, inertia, hertz, damping=0.1):
@@ -68,7 +68,7 @@ def lively():
 @pytest.mark.parametrize("fades", [False, True])
 def test_a_torque_scale_that_fades_is_no_torque_scale(log, fades):
     scale = 1 - 0.08 * (1 - np.exp(-log.time / 10.0)) if fades else 0.94
-    found = left_of(asked(log, scale), "torque_scale[gravity apart]")
+    found = left_of(question_columns(log, scale), "torque_scale[gravity apart]")
     assert (("size", JOINT) in found) == fades and {joint for _, joint in found} <= {JOINT}
 
 
@@ -92,11 +92,11 @@ def test_an_encoder_off_its_centre_shows_against_the_motors(log, amplitude):
 
 def test_a_drift_that_is_named_may_change_with_time(log):
     """Elsewhere a size is asked for in r1 and r2."""
-    search = Search(make_design(make_context([log], panda())))
+    search = ModelSearch(make_regression(make_context([log], panda())))
     numbers = {c.effect.key: n for n, c in enumerate(search.design.candidates) if c.joint == JOINT}
     drift = next(n for key, n in numbers.items() if key.startswith("thermal_drift"))
     for members, stages in (((numbers["viscous_friction"],), {"r2"}), ((numbers["viscous_friction"], drift), set())):
-        assert {m.stage for m in misfits(search, tuple(sorted(members))) if m.question == "size"} == stages
+        assert {m.stage for m in measure_misfits(search, tuple(sorted(members))) if m.question == "size"} == stages
 
 
 @pytest.mark.parametrize("width", [0.0, 1e-4])
@@ -106,9 +106,9 @@ def test_hysteresis_shows_that_winds_up_by_less_than_the_noise_of_the_encoders(w
     load = np.interp(
         log.time,
         log.time[::10],
-        rigid.torque(panda(), log.position[::10], log.velocity[::10], np.gradient(log.velocity, PERIOD, axis=0)[::10])[
-            :, JOINT
-        ],
+        rigid.inverse_dynamics(
+            panda(), log.position[::10], log.velocity[::10], np.gradient(log.velocity, PERIOD, axis=0)[::10]
+        )[:, JOINT],
     )
     twist, bent, found = 0.0, 0.0, []
     for torque in load:  # K (twist + width z) = torque, quasi-static

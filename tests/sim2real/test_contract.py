@@ -8,8 +8,8 @@ import pytest
 from arm_generator import Truth, record
 from rclpy.serialization import serialize_message
 from sim2real.arm.model import panda
-from sim2real.arm.stages import expected_torque
-from sim2real.checks.plausibility import check
+from sim2real.arm.nominal_prediction import expected_torque
+from sim2real.checks.plausibility import check_plausibility
 from sim2real.cli import diagnose as command
 from sim2real.recordings.reading import ContractViolation, load_log
 from sim2real.recordings.signals import Log
@@ -42,7 +42,7 @@ def exchanged(log, i, k, *channels):
 
 
 def test_friction_is_no_violation(log):
-    check(log)
+    check_plausibility(log)
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_friction_is_no_violation(log):
 )
 def test_wrong_units_signs_and_order_are_named(log, break_it, text):
     with pytest.raises(ContractViolation, match=text):
-        check(break_it(log))
+        check_plausibility(break_it(log))
 
 
 def swinging(joint, amplitude, hertz):
@@ -85,15 +85,15 @@ def test_an_arm_that_swings_faster_than_it_may_is_no_violation():
     """As one does whose torque rate is limited: beyond its speed nearly all the time, and in radians."""
     log = swinging(6, 0.06, 20.0)
     assert np.percentile(np.abs(log.velocity[:, 6]), 50) > 1.5 * panda().velocity_limit[6]
-    check(log)
+    check_plausibility(log)
 
 
 def test_a_joint_in_degrees_that_stays_in_its_range_is_betrayed_by_its_torques():
     log = swinging(0, 0.04, 1.0)
-    check(log)
+    check_plausibility(log)
     factor = np.where(np.arange(7) == 0, np.degrees(1.0), 1.0)
     with pytest.raises(ContractViolation, match="panda_joint1.*degrees"):
-        check(replace(log, position=log.position * factor, velocity=log.velocity * factor))
+        check_plausibility(replace(log, position=log.position * factor, velocity=log.velocity * factor))
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,11 @@ from scipy.interpolate import CubicSpline
 from sim2real.excitation.contact_suite.tip import BEYOND
 
 from np_control.controller import Controller, ControllerConfig
-from np_control.following import RealtimeCommandInput
 from np_control.impedance import DAMPING_RATIO_MAX, STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics, pose_distance, solve_ik
+from np_control.lockstep_input import LockstepCommandInput
+from np_control.realtime_input import RealtimeCommandInput
 from np_control.safety import LIMITS, Reason, Refusal, SafetyFilter, State
-from np_control.tick_gate import LockstepCommandInput
 from np_control.trajectory import make_trajectory
 from np_description.domains import CARD
 from np_description.panda import NOMINAL

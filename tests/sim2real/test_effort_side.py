@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from arm_generator import Truth, at, record
 from sim2real.arm.model import panda
-from sim2real.checks.effort_side import DRIVE, SENSOR, is_after_gear, on_the_drives_side
+from sim2real.checks.effort_side import DRIVE, SENSOR, convert_to_drive_side, is_after_gear
 
 from np_description.panda import NOMINAL
 
@@ -30,15 +30,15 @@ def after_gear(log):
 
 def test_a_drives_torque_is_left_as_it_is(log):
     assert not is_after_gear([log], ARM)
-    (same,), arm = on_the_drives_side([log], ARM, None)
+    (same,), arm = convert_to_drive_side([log], ARM, None)
     assert same is log and arm is ARM
-    assert on_the_drives_side([after_gear(log)], ARM, DRIVE)[1] is ARM
+    assert convert_to_drive_side([after_gear(log)], ARM, DRIVE)[1] is ARM
 
 
 def test_a_sensor_after_the_gear_beside_the_drives_commands_gets_their_friction_back(log):
     shown = after_gear(log)
     assert is_after_gear([shown], ARM)
-    (lifted,), arm = on_the_drives_side([shown], ARM, None)
+    (lifted,), arm = convert_to_drive_side([shown], ARM, None)
     assert arm is ARM
     left, before = (np.sqrt(np.mean((x.torque - log.torque) ** 2, axis=0)) for x in (lifted, shown))
     assert (left < 0.2 * before).all()
@@ -48,11 +48,11 @@ def test_a_drive_that_closes_its_loop_about_its_sensor_moves_a_rigid_body(log):
     shown, c = after_gear(log), log.commands
     asked = np.vstack([shown.torque[1:], shown.torque[-1:]])
     shown = replace(shown, commands=replace(c, torque=asked, target=c.target + (asked - c.torque) / c.stiffness))
-    (same,), arm = on_the_drives_side([shown], ARM, None)
+    (same,), arm = convert_to_drive_side([shown], ARM, None)
     assert same is shown and not arm.frictionloss.any() and not arm.armature.any()
-    assert not on_the_drives_side([replace(log, commands=None)], ARM, SENSOR)[1].frictionloss.any()
+    assert not convert_to_drive_side([replace(log, commands=None)], ARM, SENSOR)[1].frictionloss.any()
 
 
 def test_an_arm_without_nominal_friction_has_no_side(log):
     bare = ARM.rigid_body_only()
-    assert on_the_drives_side([after_gear(log)], bare, None)[1] is bare
+    assert convert_to_drive_side([after_gear(log)], bare, None)[1] is bare

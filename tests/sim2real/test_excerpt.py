@@ -6,7 +6,7 @@ from arm_generator import Truth, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim2real.diagnosis import explain_gap
-from sim2real.recordings.excerpt import excerpts
+from sim2real.recordings.excerpt import cut_excerpts
 from sim2real.thresholds import THRESHOLDS
 
 
@@ -24,7 +24,7 @@ def log():
 @settings(max_examples=20)
 @given(st.floats(12.0, 60.0))
 def test_stretches_are_rows_of_the_recording(log, most):
-    parts = excerpts([log], most)
+    parts = cut_excerpts([log], most)
     assert sum(part.duration for part in parts) < most + THRESHOLDS.recordings.stretch
     for part in parts:
         assert part.time[0] == 0.0 and part.duration == pytest.approx(THRESHOLDS.recordings.stretch, abs=0.01)
@@ -40,11 +40,11 @@ def test_stretches_are_rows_of_the_recording(log, most):
 
 
 def test_a_short_recording_is_looked_at_whole(log):
-    assert excerpts([log], 100.0) == [log]
+    assert cut_excerpts([log], 100.0) == [log]
 
 
 def test_the_quick_look_finds_what_is_plain(log):
-    quick = explain_gap(excerpts([log], 36.0), quick=True)
+    quick = explain_gap(cut_excerpts([log], 36.0), quick=True)
     (found,) = [f for f in quick.findings if f.is_chosen]
     assert (found.effect.id, found.component) == ("coulomb_friction", "panda_joint4")
     level = found.parameters["level"]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from sim2real.diagnosis import explain_gap
 from sim2real.excitation.contact_suite.suite import FAMILIES
 from sim2real.excitation.motions import chirp, triangle, visits, waves
-from sim2real.excitation.suite import FURTHER, NAMES, PAUSE, READY, TICK_NS, end_of, schedule, suite
+from sim2real.excitation.suite import FURTHER, NAMES, PAUSE, READY, TICK_NS, end_stamp, make_suite, schedule_starts
 from sim2real.thresholds import THRESHOLDS
 
 from np_control.controller import Controller
@@ -19,8 +19,8 @@ from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS, check_command, torque_bounds, velocity_bounds
 from np_description.panda import NOMINAL
 
-PLAN = suite()
-EVERYTHING = PLAN + suite(FURTHER)
+PLAN = make_suite()
+EVERYTHING = PLAN + make_suite(FURTHER)
 DYNAMICS = Dynamics()
 moments = st.tuples(st.integers(0, len(EVERYTHING) - 1), st.floats(0, 1))
 
@@ -43,7 +43,7 @@ def test_every_moment_is_inside_the_limits_with_margin(moment):
 @pytest.mark.slow
 def test_no_guard_is_needed_to_follow_it():
     """A controller that tracks perfectly asks for no torque that its guards change."""
-    for segment in PLAN + suite(["long_third", "sweep_4"]):
+    for segment in PLAN + make_suite(["long_third", "sweep_4"]):
         controller, limited = Controller(), set()
         controller.observe(0, segment.positions[0], np.zeros(7))
         controller.follow(segment.trajectory, 0, segment.gains)
@@ -63,7 +63,7 @@ def test_what_a_guide_begins_with_is_motion_enough_to_be_judged(guide):
     of_arm = [names for names in told if not set(names) <= set(FAMILIES)]  # the others are the task suite's
     assert of_arm
     for names in of_arm:
-        assert sum(segment.duration for segment in suite(names)) >= THRESHOLDS.blocks.shortest, names
+        assert sum(segment.duration for segment in make_suite(names)) >= THRESHOLDS.blocks.shortest, names
 
 
 def test_a_recording_that_is_too_short_says_how_much_is_wanted():
@@ -72,12 +72,12 @@ def test_a_recording_that_is_too_short_says_how_much_is_wanted():
 
 
 def test_it_takes_under_three_minutes_and_joins_up():
-    assert end_of(PLAN) < 180e9
+    assert end_stamp(PLAN) < 180e9
     assert {segment.name for segment in PLAN} == {*NAMES, "transfer"}
     assert np.allclose(PLAN[0].positions[0], READY)
     for one, other in zip(PLAN, PLAN[1:]):
         assert np.allclose(one.positions[-1], other.positions[0], atol=1e-6)
-    starts = schedule(PLAN, begin=1_234_000_000)
+    starts = schedule_starts(PLAN, begin=1_234_000_000)
     for start, segment, following in zip(starts, PLAN, starts[1:]):
         assert start % TICK_NS == 0 and following - start >= (segment.duration + PAUSE) * 1e9 - 1
         # At least one tick lies between end and start, for phases to change.
@@ -85,15 +85,15 @@ def test_it_takes_under_three_minutes_and_joins_up():
 
 
 def test_parts_of_it_can_be_named():
-    assert [s.name for s in suite(["dwell"])] == ["dwell"]
-    assert [s.name for s in suite(["chirp"])] == ["chirp_odd", "chirp_even"]
-    assert [s.name for s in suite(["sweep_4", "long_chirp"])] == ["long_chirp_odd", "long_chirp_even", "sweep_4"]
+    assert [s.name for s in make_suite(["dwell"])] == ["dwell"]
+    assert [s.name for s in make_suite(["chirp"])] == ["chirp_odd", "chirp_even"]
+    assert [s.name for s in make_suite(["sweep_4", "long_chirp"])] == ["long_chirp_odd", "long_chirp_even", "sweep_4"]
     assert not set(FURTHER) & set(NAMES)
-    assert [s.name for s in suite(["third_dwell", "dwell"])] == ["dwell", "transfer", "third_dwell"]
-    assert [s.name for s in suite(["dwell"], start=READY + 0.05)] == ["transfer", "dwell"]
+    assert [s.name for s in make_suite(["third_dwell", "dwell"])] == ["dwell", "transfer", "third_dwell"]
+    assert [s.name for s in make_suite(["dwell"], start=READY + 0.05)] == ["transfer", "dwell"]
     with pytest.raises(ValueError, match="'dwel': expected one of reference"):
-        suite(["dwel"])
-    assert {tuple(s.gains[1]) for s in suite(["low_damping"])} == {(0.5,) * 7}
+        make_suite(["dwel"])
+    assert {tuple(s.gains[1]) for s in make_suite(["low_damping"])} == {(0.5,) * 7}
 
 
 def motions():

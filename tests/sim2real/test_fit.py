@@ -10,7 +10,7 @@ import pytest
 from arm_generator import Truth, coloured, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim2real.arm import rigid
+from sim2real.arm import rigid_body as rigid
 from sim2real.arm.model import panda
 from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.catalogue import catalogue
@@ -21,13 +21,13 @@ from sim2real.effects.sensing.encoder_quantisation import find_quantum
 from sim2real.effects.stage import Stage
 from sim2real.effects.timing.command_delay import USUAL
 from sim2real.inference import nuisances
-from sim2real.inference.arrow import Arrow, Shape
-from sim2real.inference.cells import Block, make_blocks, make_cell
+from sim2real.inference.block_arrow import BlockArrowStructure, BlockArrowSystem
 from sim2real.inference.context import make_context
-from sim2real.inference.design import make_design
-from sim2real.inference.fit import fit
-from sim2real.inference.loop_delay import loop_delay, settle_delay
-from sim2real.recordings.signals import Log, sample
+from sim2real.inference.fit import fit_parameters
+from sim2real.inference.loop_delay import estimate_loop_delay, loop_delay
+from sim2real.inference.regression import make_regression
+from sim2real.inference.residual_cells import TimeBlock, make_blocks, make_cell
+from sim2real.recordings.signals import Log, sample_logs
 from sim2real.report.document import to_json
 
 from np_control.dynamics import build_model
@@ -60,7 +60,7 @@ def clean():
 
 @pytest.fixture(scope="module")
 def design(clean):
-    return make_design(clean)
+    return make_regression(clean)
 
 
 @settings(max_examples=10, deadline=None)
@@ -71,8 +71,8 @@ def test_rigid_body_dynamics_and_regressor_are_those_of_pinocchio(seed):
     model.armature[:] = 0.0
     data = model.createData()
     expected = np.array([pin.rnea(model, data, *s) for s in zip(q, dq, ddq)])
-    np.testing.assert_allclose(rigid.torque(ARM, q, dq, ddq), expected, atol=1e-10)
-    motion = rigid.move(ARM, q, dq, ddq)
+    np.testing.assert_allclose(rigid.inverse_dynamics(ARM, q, dq, ddq), expected, atol=1e-10)
+    motion = rigid.forward_recursion(ARM, q, dq, ddq)
     ours = np.concatenate([rigid.regressor(ARM, motion, link) for link in range(7)], axis=2)
     theirs = np.array([pin.computeJointTorqueRegressor(model, data, *s) for s in zip(q, dq, ddq)])
     np.testing.assert_allclose(ours, theirs, atol=1e-10)
@@ -84,14 +84,14 @@ def test_rigid_body_dynamics_and_regressor_are_those_of_pinocchio(seed):
 def test_a_link_whose_mass_lies_elsewhere_keeps_its_inertia_about_its_centre(link):
     q, dq, ddq = np.random.default_rng(link).normal(size=(3, 20, 7))
     shift = np.array([2e-5, -1e-5, 3e-5])  # kg m
-    own, moment, inertia = rigid.centred_inertia(ARM)[link], ARM.moment.copy(), ARM.inertia.copy()
+    own, moment, inertia = rigid.central_inertia(ARM)[link], ARM.moment.copy(), ARM.inertia.copy()
     moment[link] += shift
     spread = moment[link] @ moment[link] * np.eye(3) - np.outer(moment[link], moment[link])
     inertia[link] = own + spread / ARM.mass[link]
     moved = replace(ARM, moment=moment, inertia=inertia)
-    columns = rigid.regressor(ARM, rigid.move(ARM, q, dq, ddq), link) @ rigid.moved_centre(ARM, link)
+    columns = rigid.regressor(ARM, rigid.forward_recursion(ARM, q, dq, ddq), link) @ rigid.mass_centre_change(ARM, link)
     np.testing.assert_allclose(
-        columns @ shift, rigid.torque(moved, q, dq, ddq) - rigid.torque(ARM, q, dq, ddq), atol=2e-8
+        columns @ shift, rigid.inverse_dynamics(moved, q, dq, ddq) - rigid.inverse_dynamics(ARM, q, dq, ddq), atol=2e-8
     )
 
 
@@ -117,9 +117,9 @@ def test_effects_are_those_of_the_catalogue_and_columns_match_parameters(clean):
 def test_nuisances_have_a_column_each_and_those_of_the_links_in_every_joint(clean):
     for joint in range(7):
         for stage in (Stage.CONTROLLER, Stage.DRIVE, Stage.DYNAMICS):
-            columns = nuisances.columns(clean, stage, joint)
-            assert columns.shape[1] == len(nuisances.parameters(clean, stage, joint))
-        names = [p.name for p in nuisances.parameters(clean, Stage.DYNAMICS, joint)]
+            columns = nuisances.nuisance_columns(clean, stage, joint)
+            assert columns.shape[1] == len(nuisances.nuisance_parameters(clean, stage, joint))
+        names = [p.name for p in nuisances.nuisance_parameters(clean, Stage.DYNAMICS, joint)]
         assert names[2:5] == ["breakaway", "late breakaway", "creep"]
         assert names[9:11] == ["level of friction", "level of damping"]
         assert names[11:] == [f"links {n + 1}" for n in range(len(names) - 11)] and len(names) > 12
@@ -133,15 +133,15 @@ def test_the_delay_of_the_loop_is_found_though_one_drive_lags(clean, late, slow)
     share = np.full(7, late / drive.period)
     share[slow] = 1.0
     measured = (1 - share) * drive.commanded + share * before + 0.01 * rng.normal(size=before.shape)
-    design = make_design(replace(clean, drive=replace(drive, measured=measured)))
+    design = make_regression(replace(clean, drive=replace(drive, measured=measured)))
     assert loop_delay(design) == pytest.approx(late, abs=2e-5)
-    own = [p for p in settle_delay(design).parameters if p.name == "motion_delay"]
+    own = [p for p in estimate_loop_delay(design).parameters if p.name == "motion_delay"]
     assert len(own) == 7 and own[0].centre == pytest.approx(min(late, USUAL), abs=2e-5)
 
 
 def test_the_payload_column_is_the_regressor_of_a_real_payload(clean):
     payload = next(effect for effect in make_regressors(clean) if effect.id == "payload")
-    loaded = sample([record(Truth(noise=0.0, payload=0.2), duration=16.0)])
+    loaded = sample_logs([record(Truth(noise=0.0, payload=0.2), duration=16.0)])
     for joint in range(7):
         change = loaded.torque[:, joint] - clean.samples.torque[:, joint]
         column = 0.2 * payload.columns["r2"](clean, joint)[:, 0]
@@ -162,7 +162,7 @@ def test_the_step_of_an_encoder_is_found_and_none_where_there_is_none(step, seed
 def test_the_filter_keeps_straight_lines_and_their_slope(offset, slope, torque):
     time = np.cumsum(np.random.default_rng(0).uniform(0.0015, 0.0025, 1500))
     line = np.tile((offset + slope * time)[:, None], (1, 7))
-    samples = sample([Log("line", time, line, line, torque * line, time, True)])
+    samples = sample_logs([Log("line", time, line, line, torque * line, time, True)])
     truth = offset + slope * (samples.time + time[0])
     np.testing.assert_allclose(samples.velocity[:, 0], truth, atol=1e-9)
     np.testing.assert_allclose(samples.acceleration, slope, atol=1e-7)
@@ -192,7 +192,7 @@ def test_a_fit_meets_least_squares_and_its_bounds(seed, width):
 
     def solve(lower, upper):
         parameters = [Parameter("p", "1", lower, upper, 10.0)] * width
-        return fit([cell], [(whole.T @ whole)[None]], [np.array([400.0])], ids, parameters).parameters[0]
+        return fit_parameters([cell], [(whole.T @ whole)[None]], [np.array([400.0])], ids, parameters).parameters[0]
 
     exact = np.linalg.lstsq(matrix, whole[:, -1], rcond=None)[0]
     np.testing.assert_allclose(solve(-9.0, 9.0), exact, atol=1e-5)
@@ -206,16 +206,16 @@ def test_intervals_cover_under_coloured_noise(clean):
     noise = coloured(rng, (1200, trials), 0.01)
     column = np.repeat(rng.normal(size=(120, 1)), 10, axis=0)
     parameters = [Parameter("p", "1", -9.0, 9.0, 10.0)]
-    blocks = (Block(0, 0.0, 1e9),)
+    blocks = (TimeBlock(0, 0.0, 1e9),)
     for i in range(trials):
         stage = SimpleNamespace(
             times=lambda s: (np.zeros(1200, int), np.arange(1200.0)),
             rows=lambda s, j, at_reversal: np.ones(1200, bool),
             residual=lambda s, j, i=i: 0.4 * column[:, 0] + noise[:, i],
-            change=lambda s, j, rows, matrix, residual, at_reversal: (matrix, residual),
+            project_out_reference=lambda s, j, rows, matrix, residual, at_reversal: (matrix, residual),
         )
         cell = make_cell(stage, Stage.DRIVE, 0, np.arange(1), column, blocks, parameters)
-        found = fit([cell], [cell.test], [cell.test_rows], np.arange(1), parameters)
+        found = fit_parameters([cell], [cell.test], [cell.test_rows], np.arange(1), parameters)
         hits += abs(found.parameters[0, 0] - 0.4) < 1.96 * np.sqrt(found.covariance[0, 0, 0])
     assert 0.90 <= hits / trials <= 0.99
 
@@ -250,21 +250,21 @@ def test_what_yields_before_it_slides_follows_the_motion_and_turns_with_it():
 def test_reversals_share_the_nuisances_of_sliding(design):
     """Without them the errors of the links there were found in the rotors: -0.006 kg m^2 on clean arms."""
     for joint in range(7):
-        slide, turn = (next(c for c in design.of(joint) if c.name == name) for name in ("r2", "r2 at reversal"))
+        slide, turn = (next(c for c in design.cells_of(joint) if c.name == name) for name in ("r2", "r2 at reversal"))
         assert np.array_equal(slide.ids, turn.ids)
         assert set(nuisances_of(design, joint)) <= set(turn.ids)
 
 
 def test_a_patch_may_hold_whatever_an_effect_is_given_by(clean):
     for effect in make_regressors(clean):
-        named = {p.name for p in effect.parameters} | set(effect.constants) | {s.name for s in [effect.shape] if s}
-        assert named - ({"share"} if effect.shape else set()) <= {q.name for q in ARM_EFFECTS[effect.id].quantities}, (
-            effect.key
-        )
+        named = {p.name for p in effect.parameters} | set(effect.constants) | {s.name for s in [effect.nonlinear] if s}
+        assert named - ({"share"} if effect.nonlinear else set()) <= {
+            q.name for q in ARM_EFFECTS[effect.id].quantities
+        }, effect.key
 
 
 def nuisances_of(design, joint):
-    names = {p.name for p in nuisances.parameters(design.context, Stage.DYNAMICS, joint)}
+    names = {p.name for p in nuisances.nuisance_parameters(design.context, Stage.DYNAMICS, joint)}
     return [i for i in design.nuisances[joint] if design.parameters[i].name in names]
 
 
@@ -275,26 +275,26 @@ def test_an_arrow_is_solved_and_inverted_as_any_matrix_is(seed, count, shared):
     sizes = rng.integers(0, 5, count)
     size, order = int(sizes.sum()) + shared, rng.permutation(int(sizes.sum()) + shared)
     members = [np.concatenate([own, order[:shared]]) for own in np.split(order[shared:], np.cumsum(sizes)[:-1])]
-    shape, first = Shape.of(list(range(count)), members, size), rng.uniform(0.5, 2.0, size)
+    shape, first = BlockArrowStructure.from_members(list(range(count)), members, size), rng.uniform(0.5, 2.0, size)
     if count > 1:
         assert sorted(shape.border) == sorted(order[:shared])
-    arrow, matrix = Arrow.diagonal(shape, 3, first), np.tile(np.diag(first), (3, 1, 1))
+    arrow, matrix = BlockArrowSystem.diagonal(shape, 3, first), np.tile(np.diag(first), (3, 1, 1))
     for group, own in enumerate(members):
-        part, at = rng.normal(size=(3, 9, len(own))), shape.places(group, own)
+        part, at = rng.normal(size=(3, 9, len(own))), shape.local_indices(group, own)
         matrix[:, own[:, None], own] += part.transpose(0, 2, 1) @ part
         arrow.parts[group][:, at[:, None], at] += part.transpose(0, 2, 1) @ part
     rows, values, more = np.array([2, 0]), rng.normal(size=(2, size)), rng.uniform(0.0, 3.0, (2, size))
     inverse, exact, moment = arrow.inverse(), np.linalg.inv(matrix), rng.normal(size=(3, size))
-    np.testing.assert_allclose(inverse.whole(), exact, atol=1e-9)
-    np.testing.assert_allclose(inverse.times(moment).values, np.matmul(exact, moment[..., None])[..., 0], atol=1e-9)
+    np.testing.assert_allclose(inverse.dense(), exact, atol=1e-9)
+    np.testing.assert_allclose(inverse.multiply(moment).values, np.matmul(exact, moment[..., None])[..., 0], atol=1e-9)
     for group, own in enumerate(members):
-        at = shape.places(group, own)
-        np.testing.assert_allclose(inverse.part(group)[:, at[:, None], at], exact[:, own[:, None], own], atol=1e-9)
-    np.testing.assert_allclose(arrow.on_diagonal(rows), np.diagonal(matrix[rows], axis1=1, axis2=2))
+        at = shape.local_indices(group, own)
+        np.testing.assert_allclose(inverse.block(group)[:, at[:, None], at], exact[:, own[:, None], own], atol=1e-9)
+    np.testing.assert_allclose(arrow.diagonals(rows), np.diagonal(matrix[rows], axis1=1, axis2=2))
     more[rng.random(more.shape) < 0.5] = 0.0  # a block with nothing added is not solved again
     solution = arrow.solve(moment)
     np.testing.assert_allclose(solution.values, np.matmul(exact, moment[..., None])[..., 0], atol=1e-9)
     values = np.where(more > 0, values, moment[rows])
     stiffer = np.linalg.solve(matrix[rows] + more[:, None] * np.eye(size), values[..., None])[..., 0]
-    for before in (solution, inverse.times(moment)):
+    for before in (solution, inverse.multiply(moment)):
         np.testing.assert_allclose(arrow.solve_again(before, values, rows, more).values, stiffer, atol=1e-9)

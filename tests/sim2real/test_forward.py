@@ -12,8 +12,8 @@ from sim2real.arm.model import panda
 from sim2real.effects.patch import Patch, PatchEffect
 from sim2real.inference.estimates import Estimate
 from sim2real.simulation import refit as refitting
-from sim2real.simulation.forward import departures, rms, windows
-from sim2real.simulation.refit import Part, disagree, refit
+from sim2real.simulation.multiple_shooting import cut_windows, rms, simulate_departures
+from sim2real.simulation.refit import RefittedEffect, is_disagreement, refit
 from sim2real.thresholds import THRESHOLDS
 
 SHOT = THRESHOLDS.simulation
@@ -34,7 +34,7 @@ def log():
 
 @pytest.fixture(scope="module")
 def recorded(log):
-    return windows([log], every=0.5)
+    return cut_windows([log], every=0.5)
 
 
 def test_windows_are_stretches_of_the_recording(log, recorded):
@@ -48,7 +48,7 @@ def test_windows_are_stretches_of_the_recording(log, recorded):
 
 
 def test_recordings_without_commands_or_too_short_have_none(log):
-    assert windows([replace(log, commands=None)]) is None
+    assert cut_windows([replace(log, commands=None)]) is None
     few = replace(
         log.commands,
         **{
@@ -56,7 +56,7 @@ def test_recordings_without_commands_or_too_short_have_none(log):
             for name in ("rows", "target", "target_velocity", "torque", "torque_time", "stiffness", "damping")
         },
     )
-    assert windows([replace(log, commands=few)]) is None
+    assert cut_windows([replace(log, commands=few)]) is None
 
 
 def test_a_lost_command_ends_a_window(log):
@@ -69,20 +69,20 @@ def test_a_lost_command_ends_a_window(log):
             for name in ("rows", "target", "target_velocity", "torque", "torque_time", "stiffness", "damping")
         },
     )
-    spans = windows([replace(log, commands=torn)], every=0.5).start
+    spans = cut_windows([replace(log, commands=torn)], every=0.5).start
     assert not ((spans < 700 * 0.002) & (spans + SHOT.warm + SHOT.window > 700 * 0.002)).any()
 
 
 def test_with_the_true_effects_a_shot_repeats_the_recording(recorded):
-    nominal, true = rms(departures(recorded, [Patch(), TRUTH]))
+    nominal, true = rms(simulate_departures(recorded, [Patch(), TRUTH]))
     assert nominal[3] > 5e-4 and true[3] < 0.01 * nominal[3]
 
 
 def test_side_by_side_is_one_by_one(recorded):
     patches = [Patch(), TRUTH, Patch((PatchEffect("payload", "arm", {"mass": 0.3}),))]
-    together = departures(recorded[:2], patches)
+    together = simulate_departures(recorded[:2], patches)
     for patch, errors in zip(patches, together):
-        assert np.array_equal(departures(recorded[:2], [patch])[0], errors)
+        assert np.array_equal(simulate_departures(recorded[:2], [patch])[0], errors)
 
 
 def test_late_and_biased_sensors_are_started_from_what_was_true():
@@ -92,13 +92,15 @@ def test_late_and_biased_sensors_are_started_from_what_was_true():
             PatchEffect("encoder_bias", "panda_joint4", {"bias": 0.01}),
         )
     )
-    late = windows([record(["sinusoid_4"], patch)], every=1.0)
-    nominal, true = rms(departures(late, [Patch(), patch]))
+    late = cut_windows([record(["sinusoid_4"], patch)], every=1.0)
+    nominal, true = rms(simulate_departures(late, [Patch(), patch]))
     assert true[3] < 0.05 * nominal[3]
 
 
 def part(effect, component, **values):
-    return Part(effect, component, {name: Estimate(v, v - w, v + w, "") for name, (v, w) in values.items()}, {})
+    return RefittedEffect(
+        effect, component, {name: Estimate(v, v - w, v + w, "") for name, (v, w) in values.items()}, {}
+    )
 
 
 def test_a_refit_finds_the_parameters_from_a_poor_start(recorded):
@@ -138,9 +140,9 @@ def test_what_the_simulator_does_not_carry_is_not_refitted(recorded):
 
 def test_disagreement_is_beyond_both_intervals():
     one = Estimate(1.0, 0.9, 1.1, "Nm")
-    assert disagree(one, Estimate(1.3, 1.2, 1.4, "Nm"))
-    assert not disagree(one, Estimate(1.1, 1.0, 1.2, "Nm"))
-    assert not disagree(Estimate(1.0, 1.0, 1.0, "Nm"), Estimate(1.01, 1.01, 1.01, "Nm"))  # two simulators differ
+    assert is_disagreement(one, Estimate(1.3, 1.2, 1.4, "Nm"))
+    assert not is_disagreement(one, Estimate(1.1, 1.0, 1.2, "Nm"))
+    assert not is_disagreement(Estimate(1.0, 1.0, 1.0, "Nm"), Estimate(1.01, 1.01, 1.01, "Nm"))  # two simulators differ
 
 
 def test_a_row_of_the_report_says_where_the_two_disagree(recorded):
@@ -154,9 +156,9 @@ def test_a_row_of_the_report_says_where_the_two_disagree(recorded):
 
 def test_a_model_that_no_arm_can_have_is_reported_and_does_not_end_the_report(monkeypatch, log):
     """Inertia below nothing: MuJoCo refuses to make such a link."""
-    impossible = Part("link_inertia", "panda_joint4", {"scale": Estimate(-1.5, -1.6, -1.4, "1")}, {})
+    impossible = RefittedEffect("link_inertia", "panda_joint4", {"scale": Estimate(-1.5, -1.6, -1.4, "1")}, {})
     monkeypatch.setattr(refitting, "parts_of", lambda *_: (impossible,))
-    monkeypatch.setattr(refitting, "windows", lambda logs: windows(logs, every=0.5))
+    monkeypatch.setattr(refitting, "windows", lambda logs: cut_windows(logs, every=0.5))
     diagnosis = SimpleNamespace(context=SimpleNamespace(arm=panda(), logs=[log]), design=SimpleNamespace(parameters=()))
-    (row,) = refitting.second_opinion(diagnosis)["structures"]
+    (row,) = refitting.refit_in_simulation(diagnosis)["structures"]
     assert row["effects"] == ["link_inertia at panda_joint4"] and row["error"]

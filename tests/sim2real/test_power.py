@@ -8,9 +8,11 @@ from arm_generator import Truth, at, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim2real.arm.model import panda
+from sim2real.consequences import Consequences
 from sim2real.diagnosis import explain_gap
-from sim2real.excitation.ambiguity import Ambiguity, ambiguity, open_question
-from sim2real.excitation.forecast import planned_cells, planned_log
+from sim2real.effects.patch import Patch
+from sim2real.excitation.ambiguity import Ambiguity, find_ambiguity, find_open_question
+from sim2real.excitation.planned_recordings import plan_cells, plan_log
 from sim2real.excitation.power import (
     EXPERIMENTS,
     NONE,
@@ -18,17 +20,17 @@ from sim2real.excitation.power import (
     _Belief,
     _evidence,
     _factors,
-    next_experiment,
-    powers,
+    choose_next_experiment,
+    predict_powers,
 )
-from sim2real.excitation.suite import experiment, suite
+from sim2real.excitation.suite import make_experiment, make_suite
 from sim2real.inference.context import make_context
-from sim2real.inference.design import make_design
-from sim2real.inference.ranking import generalisations, spans
-from sim2real.inference.search import Search
+from sim2real.inference.ranking import find_generalisations, is_in_column_space
+from sim2real.inference.regression import make_regression
+from sim2real.inference.search import ModelSearch
 from sim2real.report.document import make_report, to_json
 from sim2real.report.page import render
-from sim2real.simulation.refit import second_opinion
+from sim2real.simulation.refit import refit_in_simulation
 from sim2real.thresholds import THRESHOLDS
 
 
@@ -69,8 +71,8 @@ def test_the_same_prediction_is_never_told_apart():
 
 def test_a_planned_recording_is_the_motion_and_has_no_gap():
     like = record(Truth(), duration=4.0)
-    segment = experiment("triangle_fast")
-    log = planned_log(segment, panda(), like)
+    segment = make_experiment("triangle_fast")
+    log = plan_log(segment, panda(), like)
     q, dq, _ = segment.trajectory.sample_with_acceleration(1.0)
     row = round(1.0 / 0.002)
     assert np.allclose(log.position[row], q) and np.allclose(log.velocity[row], dq)
@@ -82,13 +84,13 @@ def test_a_planned_recording_is_the_motion_and_has_no_gap():
 @pytest.fixture(scope="module")
 def payload_search():
     log = record(Truth(payload=0.3), duration=20.0)
-    return Search(make_design(make_context([log], panda())))
+    return ModelSearch(make_regression(make_context([log], panda())))
 
 
 def test_planned_cells_have_the_columns_of_the_recording(payload_search):
     design = payload_search.design
     member = next(n for n, c in enumerate(design.candidates) if c.effect.id == "payload")
-    cells = planned_cells(design, ["long_second", "dwell"], [member], [1, 3])
+    cells = plan_cells(design, ["long_second", "dwell"], [member], [1, 3])
     assert {c.joint for c in cells} == {1, 3} and all(c.test.shape[0] == 2 for c in cells)
     r2 = next(c for c in cells if c.name == "r2" and c.joint == 1)
     column = int(np.flatnonzero(r2.ids == design.candidates[member].ids[0])[0])
@@ -105,7 +107,7 @@ def test_longer_motions_say_more_and_a_posture_tells_payload_from_offsets(payloa
     payload = payload_search.model((number["payload", None],))
     offset = payload_search.model((number["torque_offset[unseen by the sensor]", 1],))
     question = Ambiguity((payload, offset), (("payload",), ("torque_offset",)), (1,), "arm")
-    (row,) = powers(payload_search, question, ["reference", "long_reference", "microstrokes"])
+    (row,) = predict_powers(payload_search, question, ["reference", "long_reference", "microstrokes"])
     short, long, still = row
     assert long.nats > short.nats > still.nats
     assert all(0 <= p.probability <= 1 for p in row)
@@ -114,11 +116,11 @@ def test_longer_motions_say_more_and_a_posture_tells_payload_from_offsets(payloa
 def test_what_are_the_same_forces_no_experiment_can_tell(uneven):
     diagnosis, log = uneven
     member = diagnosis.chosen.members[0]
-    question = ambiguity(diagnosis.search, diagnosis.chosen, member, ())
+    question = find_ambiguity(diagnosis.search, diagnosis.chosen, member, ())
     assert question is not None and any(
         " + ".join(names) == "coulomb_friction + torque_offset" for names in question.names
     )
-    (row,) = powers(diagnosis.search, question, EXPERIMENTS)
+    (row,) = predict_powers(diagnosis.search, question, EXPERIMENTS)
     assert max(p.probability for p in row) < 0.1
     answer = {
         "name": NONE,
@@ -129,16 +131,16 @@ def test_what_are_the_same_forces_no_experiment_can_tell(uneven):
         "cannot_separate": ["coulomb_friction + torque_offset"],
         "ranked": [],
     }
-    report = make_report(diagnosis, [log], 0.0, experiment=answer)
+    report = make_report(diagnosis, [log], 0.0, Consequences(Patch(), experiment=answer))
     assert to_json(report) and NONE in render(report, diagnosis)
 
 
 def test_the_rival_is_what_explains_the_recording_and_not_a_part_of_it(uneven):
     """A constant torque alone is no rival of uneven friction; beside plain friction it is the same forces."""
     diagnosis, _ = uneven
-    question = ambiguity(diagnosis.search, diagnosis.chosen, diagnosis.chosen.members[0], ("torque_offset",))
+    question = find_ambiguity(diagnosis.search, diagnosis.chosen, diagnosis.chosen.members[0], ("torque_offset",))
     assert ("torque_offset",) not in question.names and ("coulomb_friction", "torque_offset") in question.names
-    assert all(p.probability < 0.1 for row in powers(diagnosis.search, question, EXPERIMENTS) for p in row)
+    assert all(p.probability < 0.1 for row in predict_powers(diagnosis.search, question, EXPERIMENTS) for p in row)
 
 
 def test_an_offset_may_be_friction_with_equal_and_opposite_levels(uneven):
@@ -146,9 +148,9 @@ def test_an_offset_may_be_friction_with_equal_and_opposite_levels(uneven):
     search = uneven[0].search
     number = {(c.effect.key, c.joint): n for n, c in enumerate(search.design.candidates)}
     offset, friction = number["torque_offset[unseen by the sensor]", 0], number["asymmetric_coulomb_friction", 0]
-    assert spans(search.design, *(search.design.candidates[n] for n in (friction, offset)))
-    assert generalisations(search, offset) == ("cable_torque",)  # whose stiffness has to be nothing for this
-    assert generalisations(search, number["coulomb_friction", 0]) == ("asymmetric_coulomb_friction",)
+    assert is_in_column_space(search.design, *(search.design.candidates[n] for n in (friction, offset)))
+    assert find_generalisations(search, offset) == ("cable_torque",)  # whose stiffness has to be nothing for this
+    assert find_generalisations(search, number["coulomb_friction", 0]) == ("asymmetric_coulomb_friction",)
 
 
 def test_an_offset_is_named_with_the_friction_that_it_may_be():
@@ -156,7 +158,7 @@ def test_an_offset_is_named_with_the_friction_that_it_may_be():
     (finding,) = [f for f in diagnosis.findings if f.is_chosen]
     assert finding.effect.id == "torque_offset" and finding.rivals == ("asymmetric_coulomb_friction",)
     assert diagnosis.verdict == "ambiguous"
-    answer = next_experiment(diagnosis, open_question(diagnosis))
+    answer = choose_next_experiment(diagnosis, find_open_question(diagnosis))
     # The friction contains the offset: motion can only make the larger model less probable, and no command is promised for that.
     assert answer["name"] in (NONE, UNLIKELY) and "command" not in answer
     assert answer["separates"] == ["torque_offset", "asymmetric_coulomb_friction"]
@@ -168,10 +170,10 @@ def test_an_ambiguity_is_answered_with_a_command_and_its_probability(stuck, monk
     # As if the recording had left it open whether it is viscous.
     monkeypatch.setattr("sim2real.excitation.ambiguity.AMBIGUITY", replace(THRESHOLDS.ambiguity, near=np.inf))
     open_ = replace(diagnosis, findings=(replace(finding, equivalent_to=("viscous_friction",)),))
-    question = open_question(open_)
-    answer = next_experiment(open_, question)
-    forward = second_opinion(open_, question[1].models[1:])
-    report = make_report(open_, [log], 0.0, experiment=answer, forward=forward)
+    question = find_open_question(open_)
+    answer = choose_next_experiment(open_, question)
+    forward = refit_in_simulation(open_, question[1].models[1:])
+    report = make_report(open_, [log], 0.0, Consequences(Patch(), experiment=answer, refit=forward))
     page = render(report, open_)
     assert [s["effects"] for s in report["forward"]["structures"]][:2] == [
         ["coulomb_friction at panda_joint4"],
@@ -182,11 +184,11 @@ def test_an_ambiguity_is_answered_with_a_command_and_its_probability(stuck, monk
     assert answer["separates"][:2] == ["coulomb_friction", "viscous_friction"]
     assert answer["probability"] > 0.9 and answer["expected_sigma"] > 3
     assert f"--only {answer['name']}" in answer["command"] and f"--only {answer['name']}" in page
-    assert suite([answer["name"]])  # excite knows it
+    assert make_suite([answer["name"]])  # excite knows it
 
 
 def test_without_an_ambiguity_there_is_no_experiment(loaded):
     diagnosis, _ = loaded
     (finding,) = [f for f in diagnosis.findings if f.is_chosen]
     sure = replace(diagnosis, findings=(replace(finding, probability=1.0, equivalent_to=()),))
-    assert open_question(sure) is None and next_experiment(sure, None) is None
+    assert find_open_question(sure) is None and choose_next_experiment(sure, None) is None

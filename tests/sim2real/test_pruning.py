@@ -4,27 +4,27 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sim2real.inference.search import Model, Search
+from sim2real.inference.search import ModelSearch, ScoredModel
 
 ELASTICITY, BACKLASH, DELAY = 0, 1, 2  # of two parameters, one and one
 NATS = {(): 0.0, (ELASTICITY,): 270.0, (BACKLASH,): 269.0, (DELAY,): 1950.0}
 
 
-class Given(Search):
+class Given(ModelSearch):
     """What predicts by 100 nats better beats; what is negligible beats nothing."""
 
     negligible: tuple[int, ...] = ()
 
     def model(self, members):
-        return Model(members, np.array([NATS[members]]), 0.0)
+        return ScoredModel(members, np.array([NATS[members]]), 0.0)
 
-    def promising(self, parent, count):
+    def rank_candidates(self, parent, count):
         return [DELAY, ELASTICITY, BACKLASH]
 
     def is_negligible(self, model, member):
         return member in self.negligible
 
-    def beats(self, one, other):
+    def predicts_better(self, one, other):
         return not set(one.members) & set(self.negligible) and one.total > other.total + 100
 
 
@@ -45,4 +45,4 @@ def search(negligible):
 def test_what_any_arm_has_takes_no_effects_place(negligible, left):
     """A delay that every loop has predicted by 1,700 nats more than a soft gear, took its place, and was then dropped: `no_gap`."""
     chosen = search(negligible)
-    assert chosen.pruned(chosen.model((ELASTICITY,))).members == left
+    assert chosen.prune(chosen.model((ELASTICITY,))).members == left

@@ -17,8 +17,8 @@ from sim2real.effects.timing.command_delay import delay_commands
 from sim2real.effects.timing.packet_loss import find_lost_packets
 from sim2real.effects.torque_loop.torque_rate_limit import limit_rate, ramp_torque
 from sim2real.effects.torque_loop.torque_saturation import saturate
-from sim2real.inference.cells import Block, Cell, make_cell
-from sim2real.recordings.signals import Log, sample
+from sim2real.inference.residual_cells import ResidualCell, TimeBlock, make_cell
+from sim2real.recordings.signals import Log, sample_logs
 from sim2real.thresholds import THRESHOLDS
 
 from np_description.panda import NOMINAL
@@ -239,7 +239,7 @@ def test_packets_are_lost_in_a_loop_that_is_late_as_well(share_late):
 def test_the_projector_filters_what_it_interpolates():
     time = np.arange(1500) * PERIOD
     wave = np.column_stack([np.sin(3 * time), np.cos(5 * time)])
-    samples = sample([Log("wave", time, wave, wave, wave, time, True)])
+    samples = sample_logs([Log("wave", time, wave, wave, wave, time, True)])
     late = time + PERIOD / 2
     projected = samples.projector(np.zeros(1500, int), late) @ np.sin(3 * late)
     np.testing.assert_allclose(projected, samples.position[:, 0], atol=1e-5)
@@ -251,12 +251,12 @@ def make(seed, count=900):
     time, trajectory = np.arange(count) * 0.01, np.zeros(count, int)
     rows = rng.random(count) > 0.05
     matrix, residual = rng.normal(size=(count, 3)), rng.normal(size=count)
-    blocks = tuple(Block(0, 3.0 * b, 3.0 * (b + 1)) for b in range(3))
+    blocks = tuple(TimeBlock(0, 3.0 * b, 3.0 * (b + 1)) for b in range(3))
     stages = SimpleNamespace(
         times=lambda s: (trajectory, time),
         rows=lambda s, j, at_reversal: rows,
         residual=lambda s, j: residual,
-        change=lambda s, j, rows, matrix, residual, at_reversal: (matrix, residual),
+        project_out_reference=lambda s, j, rows, matrix, residual, at_reversal: (matrix, residual),
     )
     whiten = np.array([0.4, -0.2])
     parameters = [Parameter("p", "1", -9.0, 9.0, 1.0)] * 3
@@ -271,7 +271,7 @@ def make(seed, count=900):
 @given(st.integers(0, 10**6))
 def test_sums_of_blocks_are_those_of_their_rows(seed):
     cell, blocks, time, white, kept = make(seed)
-    assert isinstance(cell, Cell)
+    assert isinstance(cell, ResidualCell)
     for b, block in enumerate(blocks):
         inside = kept & (time >= block.start) & (time < block.end)
         near = kept & (time >= block.start - THRESHOLDS.blocks.gap) & (time < block.end + THRESHOLDS.blocks.gap)

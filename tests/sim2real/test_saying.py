@@ -7,7 +7,7 @@ import pytest
 from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.effect import Effect, Quantity, Target
 from sim2real.effects.sentences import ValueWithInterval, describe_effect, template_fields
-from sim2real.report.next_steps import next_steps
+from sim2real.report.next_steps import suggest_next_steps
 from sim2real.report.sentence import sentence
 
 from np_description.panda import NOMINAL
@@ -116,9 +116,9 @@ def test_what_is_unexplained_names_the_joint_first():
 
 def test_the_loop_goes_on_only_where_there_is_a_patch_to_use():
     folder = Path("runs/report")
-    assert next_steps(diagnosis("no_gap"), folder) == []
-    assert next_steps(diagnosis("identified", (PAYLOAD,), reference=1), folder) == []
-    commands = [command for _, command in next_steps(diagnosis("identified", (PAYLOAD,)), folder)]
+    assert suggest_next_steps(diagnosis("no_gap"), folder) == []
+    assert suggest_next_steps(diagnosis("identified", (PAYLOAD,), reference=1), folder) == []
+    commands = [command for _, command in suggest_next_steps(diagnosis("identified", (PAYLOAD,)), folder)]
     assert "--patch runs/report/patch.yaml" in commands[1] and len(commands) == 7
-    unexplained = [command for _, command in next_steps(diagnosis("unexplained", (), (1,)), folder)]
+    unexplained = [command for _, command in suggest_next_steps(diagnosis("unexplained", (), (1,)), folder)]
     assert len(unexplained) == 2 and not any("train" in command for command in unexplained)

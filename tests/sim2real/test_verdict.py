@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sim2real.checks.omnibus import LackOfFit
+from sim2real.checks.lack_of_fit import LackOfFit
 from sim2real.checks.unexplained import find_lack_of_fit
 from sim2real.effects.stage import Stage
 

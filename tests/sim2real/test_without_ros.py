@@ -8,7 +8,7 @@ import sys
 import numpy as np
 from arm_generator import Truth, record
 from packages import PACKAGES, ROOT, imports, modules, tree
-from sim2real.arm import rigid
+from sim2real.arm import rigid_body as rigid
 from sim2real.arm.model import panda
 
 BLOCKED = ("rclpy", "torch", "rosidl", "ament_index_python", "np_ros")

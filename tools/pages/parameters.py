@@ -11,7 +11,7 @@ from pathlib import Path
 from rclpy.node import Node
 
 from np_bringup.task_graph import ARGUMENTS
-from np_ros.parameters import Parameter, declared
+from np_ros.parameters import NodeParameter, list_parameters
 from pages.markdown import head, number, table
 
 INTRODUCTION = """Generated from the code. A parameter is set at the start (`--ros-args -p name:=value`) and read-only afterwards.
@@ -36,7 +36,7 @@ def executables(source: Path) -> Iterator[tuple[str, str, str]]:
                 yield setup.parent.name, name, target.split(":")[0]
 
 
-def check(source: Path, found: dict[str, list[Parameter]]) -> None:
+def check(source: Path, found: dict[str, list[NodeParameter]]) -> None:
     """Raises ValueError for a parameter that a module declares by name and no node was seen to declare."""
     names = {parameter.name for parameters in found.values() for parameter in parameters}
     for file in sorted(source.glob("*/*/nodes/*.py")):
@@ -50,11 +50,11 @@ def check(source: Path, found: dict[str, list[Parameter]]) -> None:
 def page(root: Path) -> str:
     """The page. Raises ValueError where a declared parameter was not seen."""
     source = root / "ros2_ws/src"
-    found: dict[str, list[Parameter]] = {}
+    found: dict[str, list[NodeParameter]] = {}
     for package, executable, module in executables(source):
         if ".nodes." in module:
             for kind in node_classes(importlib.import_module(module)):
-                found[f"{package} {executable}"] = declared(kind)
+                found[f"{package} {executable}"] = list_parameters(kind)
     check(source, found)
     parts = [head("Parameters", "the nodes and launch files", INTRODUCTION)]
     parts += [

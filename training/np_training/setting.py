@@ -8,7 +8,7 @@ from pathlib import Path
 
 from np_control.impedance import DAMPING_RATIO_MIN
 from np_description.domains import Domain, find_domain
-from np_description.objects.choice import DEFAULT, domain_with, portable
+from np_description.objects.choice import DEFAULT, domain_with, embed_object_text
 from np_training.physics.config import check_trainable
 
 UNSAID = {
@@ -44,7 +44,7 @@ def chosen(setting: Mapping[str, object], **given: object) -> dict:
     Raises ValueError, one line, for an object that the domain has not.
     """
     setting = {**setting, **{name: value for name, value in given.items() if value is not None}}
-    return {**setting, "object": portable(setting["domain"], setting["object"])}
+    return {**setting, "object": embed_object_text(setting["domain"], setting["object"])}
 
 
 def domain_of(setting: Mapping[str, object]) -> Domain:

@@ -1,1 +1,1 @@
-"""Arms whose cause is sealed: cases, their recordings, and what the doctor of the arm makes of them."""
+"""Arms with sealed causes: cases, recordings, and the score of `diagnose`."""

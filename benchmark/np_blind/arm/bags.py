@@ -14,8 +14,8 @@ from np_control.safety import LIMITS
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, IDLE, PhaseState
 from np_record.bag_writer import BagWriter
-from np_record.bulk import serialized_joint_states
-from np_record.cdr import TYPESTORE, serialized
+from np_record.bulk import serialize_joint_states
+from np_record.cdr import TYPESTORE, serialize
 from np_record.topics import BY_NAME
 
 SECOND = 1_000_000_000
@@ -75,7 +75,7 @@ def write_bag(path: Path, run: Run, arm: int, targets: Targets, begin: int, info
 
 def _joint_states(topic: str, stamps: np.ndarray, names: Sequence[str], position, velocity, effort) -> Messages:
     """JointStates at the stamps (n,) ns, with arrays (n, len(names))."""
-    frames = serialized_joint_states(stamps, names, position, velocity, effort)
+    frames = serialize_joint_states(stamps, names, position, velocity, effort)
     for stamp, frame in zip(stamps.tolist(), frames):
         yield stamp, topic, frame
 
@@ -101,7 +101,7 @@ def _said(stamp: int, phase: PhaseState) -> bytes:
     status = kinds["diagnostic_msgs/msg/DiagnosticStatus"](
         level=0, name="episode", message=str(phase), hardware_id="", values=pairs
     )
-    return serialized(kinds["diagnostic_msgs/msg/DiagnosticArray"](header=_header(stamp), status=[status]))
+    return serialize(kinds["diagnostic_msgs/msg/DiagnosticArray"](header=_header(stamp), status=[status]))
 
 
 def _trajectory(stamp: int, segment) -> bytes:
@@ -118,7 +118,7 @@ def _trajectory(stamp: int, segment) -> bytes:
     message = kinds["trajectory_msgs/msg/JointTrajectory"](
         header=_header(stamp), joint_names=list(JOINT_NAMES), points=points
     )
-    return serialized(message)
+    return serialize(message)
 
 
 def _gains(gains: np.ndarray) -> bytes:
@@ -128,7 +128,7 @@ def _gains(gains: np.ndarray) -> bytes:
         dim=[dimension(label="gain", size=2, stride=14), dimension(label="joint", size=7, stride=7)], data_offset=0
     )
     message = kinds["std_msgs/msg/Float64MultiArray"](layout=layout, data=gains.ravel())
-    return serialized(message)
+    return serialize(message)
 
 
 def _header(stamp: int):

@@ -16,7 +16,7 @@ from concurrent.futures import as_completed
 from pathlib import Path
 
 import numpy as np
-from sim2real.excitation.suite import suite
+from sim2real.excitation.suite import make_suite
 
 from np_blind.arm import six_motion
 from np_blind.arm.loop import Targets, make_targets, run_stable_arms
@@ -53,7 +53,7 @@ def make_bags(cases: Sequence[Case], only: Sequence[str], out: Path) -> dict[int
     By the number of each case, what went wrong; "" where its bag is written. An arm that runs away has none,
     and leaves the others as they are.
     """
-    targets = make_targets(suite(only))
+    targets = make_targets(make_suite(only))
     before = _record([baseline_case(case) for case in cases if case.day], targets, reference_path, out)
     lost = {number: error for number, error in before.items() if error}
     return lost | _record([case for case in cases if case.number not in lost], targets, bag_path, out)

@@ -10,15 +10,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from sim2real.excitation.suite import READY, Segment, end_of, schedule
+from sim2real.excitation.suite import READY, Segment, end_stamp, schedule_starts
 
 from np_blind.arm.plant.blind_arm import PERIOD, Plant
 from np_blind.arm.plant.physics import Physics
 from np_blind.arm.plant.rigid_arm import JOINTS
 from np_blind.arm.plant.unknown_fault_physics import eccentric_encoder_error, encoder_slip
 from np_blind.arm.plant.unknown_fault_physics_wide import measured_speed
-from np_control.impedance import lead
 from np_control.impedance import torque as impedance_torque
+from np_control.impedance import velocity_feedforward_offset
 from np_control.safety import LIMITS, limit_torque, slew_gains
 
 WRIST = np.array([1, 1, 1, 1, 0.4, 0.4, 0.3])
@@ -70,8 +70,8 @@ class Targets:
 
 def make_targets(plan: Sequence[Segment]) -> Targets:
     """The targets of a plan, sampled as the controller samples its trajectories."""
-    starts = schedule(plan, SETTLING)
-    count = end_of(plan, SETTLING) // LIMITS.period_ns
+    starts = schedule_starts(plan, SETTLING)
+    count = end_stamp(plan, SETTLING) // LIMITS.period_ns
     position = np.tile(plan[0].positions[0], (count, 1))
     velocity, acceleration = np.zeros_like(position), np.zeros_like(position)
     own = plan[0].gains  # before the first segment too
@@ -146,7 +146,9 @@ def run(
         feedforward = coriolis + matrix @ acceleration
         kp = stiffness * physics.stiffness_factor
         rho = ratio * physics.damping_factor / np.sqrt(physics.stiffness_factor)
-        wanted = impedance_torque(q, dq, lead(target, velocity, stiffness, ratio), kp, rho, feedforward)
+        wanted = impedance_torque(
+            q, dq, velocity_feedforward_offset(target, velocity, stiffness, ratio), kp, rho, feedforward
+        )
         filtered = filtered + keep * (wanted - filtered)
         torque, _ = limit_torque(LIMITS, filtered, torque, q, dq)
         applied = plant.step(torque)

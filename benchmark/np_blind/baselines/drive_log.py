@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from sim2real.simulation.closed_loop import Stretch, stretch
+
+from np_blind.baselines.closed_loop import Stretch, stretch
 
 KEYS = ("time", "dof_pos", "dof_vel", "des_dof_pos", "des_dof_torque", "kp", "kd")
 LAW_TOLERANCE = 0.02  # of the largest torque

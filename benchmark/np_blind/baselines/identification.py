@@ -12,10 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from sim2real.simulation.closed_loop import Replay, Stretch
 from sim2real.simulation.simulated_arm import Plant
 
 from np_blind.baselines.budget import Budget
+from np_blind.baselines.closed_loop import Replay, Stretch
 
 JOINT = ("frictionloss", "damping", "armature")
 EVERYTHING = (*JOINT, "gain", "mass", "com")

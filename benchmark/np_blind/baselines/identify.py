@@ -17,11 +17,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from sim2real.excitation.suite import suite
-from sim2real.simulation.closed_loop import Stretch, stretches
+from sim2real.excitation.suite import make_suite
 from sim2real.simulation.simulated_arm import Plant, load_plant, panda_plant
 
 from np_blind.baselines.budget import Budget
+from np_blind.baselines.closed_loop import Stretch, stretches
 from np_blind.baselines.drive_log import read_drive_log
 from np_blind.baselines.identification import JOINT, likeliest_delay
 from np_blind.baselines.identify_reference import known_arm, record
@@ -53,8 +53,8 @@ def alternate(recorded: Sequence[Stretch], seconds: float) -> tuple[list[Stretch
 def simulated(seed: int) -> tuple[list[Stretch], list[Stretch], dict[str, np.ndarray]]:
     """Recordings of a reference arm to fit to, others held out, and its parameters."""
     truth = known_arm(seed)
-    fitted = record(truth, suite(FITTED), seed)
-    return fitted, record(truth, suite(HELD_OUT), seed + 1), truth
+    fitted = record(truth, make_suite(FITTED), seed)
+    return fitted, record(truth, make_suite(HELD_OUT), seed + 1), truth
 
 
 def from_files(paths: Sequence[Path], plant: Plant) -> list[Stretch]:

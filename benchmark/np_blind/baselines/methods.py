@@ -11,10 +11,10 @@ from collections.abc import Mapping
 
 import numpy as np
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.simulation.closed_loop import INERTIA, Replay, Stretch
 from sim2real.simulation.simulated_arm import Plant
 
 from np_blind.baselines.budget import Budget
+from np_blind.baselines.closed_loop import INERTIA, Replay, Stretch
 from np_blind.baselines.identification import (
     EVERYTHING,
     JOINT,

@@ -1,1 +1,1 @@
-"""Stages of the chain by themselves: boxes seen by a camera, and streams of poses whose clocks differ."""
+"""A camera and a detector of the benchmark's own, and boxes at rest before it."""

@@ -1,1 +1,1 @@
-"""Whole withheld robots in PhysX: recorded, diagnosed, rehearsed and judged."""
+"""Withheld robots in PhysX: recording, diagnosis, fine-tuning and score."""

@@ -98,14 +98,18 @@ ORDER = (
 
 @dataclass(frozen=True)
 class Robot:
-    """number; domain; effects, as entries of a patch.yaml; loss: of success in PhysX when its size was found, in points of 1, of `played`
-    pairs of episodes."""
+    """A withheld robot."""
 
     number: int
+    """Number in the set."""
     domain: str
+    """Task."""
     effects: tuple[PatchEffect, ...]
+    """True effects, as entries of a patch.yaml."""
     loss: float
+    """Loss of success in PhysX when its effect sizes were found."""
     played: int
+    """Pairs of episodes by which the loss was measured."""
 
     @property
     def patch(self) -> Patch:

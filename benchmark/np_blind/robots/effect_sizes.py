@@ -13,7 +13,7 @@ from sim2real.effects.patch import Patch
 
 from np_blind.robots.cases import DOMAINS, LOSS, MOST, Robot, draw_robot
 from np_common.cli import Progress
-from np_evaluation.finetune.playing import Cell, play_all, succeeds, text_of
+from np_evaluation.finetune.rollouts import RolloutCell, run_all_rollouts, succeeds, text_of
 
 TASKS = 700  # seed of the tasks by which sizes are found: none that a robot is judged by
 MIDDLE = (0.15, 0.33)  # of the loss, so that with as few episodes it is within LOSS
@@ -36,16 +36,18 @@ class Measured:
 
     def __init__(self, pool: Executor, episodes: int, folder: Path):
         self._pool, self._folder, self.episodes = pool, folder, episodes
-        self._nominal = self._success({domain: Cell(domain, "physx", seed=TASKS) for domain in DOMAINS}, episodes)
+        self._nominal = self._success(
+            {domain: RolloutCell(domain, "physx", seed=TASKS) for domain in DOMAINS}, episodes
+        )
 
-    def _success(self, cells: dict[str, Cell], episodes: int) -> dict[str, list[bool]]:
-        played = play_all(cells, episodes, self._folder, self._pool, "")
+    def _success(self, cells: dict[str, RolloutCell], episodes: int) -> dict[str, list[bool]]:
+        played = run_all_rollouts(cells, episodes, self._folder, self._pool, "")
         return {name: succeeds(scores) for name, scores in played.items()}
 
     def loss(self, domain: str, patch: Patch) -> float:
         """Of success, over pairs of episodes: all of them, or fewer where these already say that it is too little or too much."""
         text = text_of(patch)
-        cell = {f"{domain}_{sha256(text.encode()).hexdigest()[:16]}": Cell(domain, "physx", text, seed=TASKS)}
+        cell = {f"{domain}_{sha256(text.encode()).hexdigest()[:16]}": RolloutCell(domain, "physx", text, seed=TASKS)}
         for pairs, least, most in (*LOOKS, (self.episodes, 0.0, 1.0)):
             pairs = min(pairs, self.episodes)
             (own,) = self._success(cell, pairs).values()

@@ -21,10 +21,10 @@ from np_blind.repository import relative
 from np_blind.robots.cases import Robot
 from np_common.cli import Progress
 from np_common.files import write_atomically
-from np_evaluation.corrections import corrections
-from np_evaluation.finetune.learning import Learning, carried
-from np_evaluation.finetune.playing import Cell, Kept, play_all, succeeds, text_of
-from np_evaluation.finetune.stages import KEPT, Rehearsal, rehearse
+from np_evaluation.calibration_corrections import corrections
+from np_evaluation.finetune.learning import Learning, split_trainable
+from np_evaluation.finetune.rollouts import CachedScores, RolloutCell, run_all_rollouts, succeeds, text_of
+from np_evaluation.finetune.stages import KEPT, FinetuneSettings, run_finetune
 
 SUITES = 2  # recordings of the task suite, in which the object lies elsewhere
 TASKS = 900  # seed of the tasks by which robots are judged
@@ -85,13 +85,13 @@ class EvaluationConfig:
 
     def trains(self, patch: Patch) -> bool:
         """Whether policies are trained for anything in a patch."""
-        return bool(carried(corrections(patch).remaining)[0].effects)
+        return bool(split_trainable(corrections(patch).remaining)[0].effects)
 
 
 def nominal_success(domains: Sequence[str], config: EvaluationConfig, pool: Executor) -> dict[str, list[float]]:
     """Scores of the released policies on the nominal robot, in both engines, by names such as `wall_mujoco`."""
-    cells = {f"{d}_{e}": Cell(d, e, seed=TASKS) for d in domains for e in ("mujoco", "physx")}
-    return play_all(cells, config.episodes, config.out / "nominal", pool, "nominal")
+    cells = {f"{d}_{e}": RolloutCell(d, e, seed=TASKS) for d in domains for e in ("mujoco", "physx")}
+    return run_all_rollouts(cells, config.episodes, config.out / "nominal", pool, "nominal")
 
 
 def evaluate_robots(robots: Sequence[Robot], config: EvaluationConfig, pool: Executor, gpus: GpuPool) -> list[dict]:
@@ -139,7 +139,7 @@ def evaluate_robot(robot: Robot, config: EvaluationConfig, nominal: Future, pool
 def _evaluate(row: dict, keep: Callable[[], None], robot: Robot, config, nominal, pool: Executor, gpus) -> None:
     with ThreadPoolExecutor(1) as beside:
         without = beside.submit(without_each, robot, config, pool)
-        patch, row["diagnosis"] = _diagnosed(robot, config, pool)
+        patch, row["diagnosis"] = _diagnose(robot, config, pool)
         row["found"] = dump_patch(patch)
         keep()
         believed = succeeds(nominal.result()[f"{robot.domain}_physx"])
@@ -152,7 +152,7 @@ def _evaluate(row: dict, keep: Callable[[], None], robot: Robot, config, nominal
 
         try:
             what = _finetuning(robot, config, config.out / robot.folder, tell)
-            result = rehearse(what, patch, config.how, pool, gpus)
+            result = run_finetune(what, patch, config.how, pool, gpus)
             row["engine"] |= _after(result)
             keep()
         finally:
@@ -161,15 +161,15 @@ def _evaluate(row: dict, keep: Callable[[], None], robot: Robot, config, nominal
                 keep()
         if config.asks_oracle(robot):
             what = _finetuning(robot, config, config.out / robot.folder / "oracle")
-            row["engine"]["oracle"] = _after(rehearse(what, robot.patch, config.how, pool, gpus))["adopted"]
+            row["engine"]["oracle"] = _after(run_finetune(what, robot.patch, config.how, pool, gpus))["adopted"]
 
 
-def _diagnosed(robot: Robot, config: EvaluationConfig, pool: Executor) -> tuple[Patch, dict]:
+def _diagnose(robot: Robot, config: EvaluationConfig, pool: Executor) -> tuple[Patch, dict]:
     from np_blind.robots.recording import diagnose_robot, record_arm_physx, record_task_physx  # slow to import
 
     folder = config.out / robot.folder
-    told, found = folder / "diagnosis.json", folder / "patch.yaml"
-    if not told.exists():
+    summary, found = folder / "diagnosis.json", folder / "patch.yaml"
+    if not summary.exists():
         begun = time.monotonic()
         seed = 1000 * config.seed + 10 * robot.number
         asked = [pool.submit(record_arm_physx, robot.patch, seed)]
@@ -184,19 +184,19 @@ def _diagnosed(robot: Robot, config: EvaluationConfig, pool: Executor) -> tuple[
                 recorded.append(None)
                 refused.append(str(error))
         log, *tasks = recorded
-        patch, said = pool.submit(diagnose_robot, log, [task for task in tasks if task is not None]).result()
-        said |= {"not_recorded": refused, "took_s": round(time.monotonic() - begun, 1)}
+        patch, verdicts = pool.submit(diagnose_robot, log, [task for task in tasks if task is not None]).result()
+        verdicts |= {"not_recorded": refused, "took_s": round(time.monotonic() - begun, 1)}
         found.write_text(dump_patch(patch), encoding="utf-8")
-        told.write_text(json.dumps(said, indent=1), encoding="utf-8")
-    return load_patch(found), json.loads(told.read_text(encoding="utf-8"))
+        summary.write_text(json.dumps(verdicts, indent=1), encoding="utf-8")
+    return load_patch(found), json.loads(summary.read_text(encoding="utf-8"))
 
 
-def reality_of(robot: Robot) -> Cell:
+def reality_of(robot: Robot) -> RolloutCell:
     """The robot itself, in PhysX."""
-    return Cell(robot.domain, "physx", text_of(robot.patch), seed=TASKS)
+    return RolloutCell(robot.domain, "physx", text_of(robot.patch), seed=TASKS)
 
 
-def _finetuning(robot: Robot, config: EvaluationConfig, folder: Path, tell=None) -> Rehearsal:
+def _finetuning(robot: Robot, config: EvaluationConfig, folder: Path, tell=None) -> FinetuneSettings:
     """In a folder, to which episodes are copied that were played already: the nominal robot is the same for all. tell: None for the oracle,
     whose effects are not blamed."""
     (folder / "episodes").mkdir(parents=True, exist_ok=True)
@@ -208,8 +208,8 @@ def _finetuning(robot: Robot, config: EvaluationConfig, folder: Path, tell=None)
         own = folder / "episodes" / f"{name}.json"
         if not own.exists() and there.exists():
             shutil.copyfile(there, own)
-    return Rehearsal(
-        Cell(robot.domain, seed=TASKS),
+    return FinetuneSettings(
+        RolloutCell(robot.domain, seed=TASKS),
         folder,
         reality_of(robot),
         config.episodes,
@@ -227,7 +227,7 @@ def without_each(robot: Robot, config: EvaluationConfig, pool: Executor) -> dict
     others = {e.effect: Patch(tuple(other for other in effects if other is not e)) for e in effects if len(effects) > 1}
     cells = {f"without_{name}": replace(reality, effects=text_of(patch)) for name, patch in others.items()}
     folder = config.out / robot.folder / "episodes"
-    played = play_all(cells, config.episodes, folder, pool, f"{robot.folder} without" if cells else "")
+    played = run_all_rollouts(cells, config.episodes, folder, pool, f"{robot.folder} without" if cells else "")
     return {name: played[f"without_{name}"] for name in others}
 
 
@@ -236,7 +236,7 @@ def ablations(
 ) -> dict[str, dict[str, float]]:
     """What each true effect costs in PhysX, as `ablation` of success and `ablation_scores`: without it, less with all. Scores: nominal, and
     without each of several; those with all are kept."""
-    kept = Kept(config.out / robot.folder / "episodes", {"reality": reality_of(robot)})
+    kept = CachedScores(config.out / robot.folder / "episodes", {"reality": reality_of(robot)})
     before = kept.of("reality", config.episodes)
     others = without or {robot.effects[0].effect: nominal}
     return {
@@ -245,11 +245,11 @@ def ablations(
     }
 
 
-def _after(told: dict) -> dict[str, list[int] | None]:
+def _after(summary: dict) -> dict[str, list[int] | None]:
     """Success in PhysX with what a rehearsal has come to: corrected, after training, and of what it keeps, None where there is none."""
-    played = told["played"]
+    played = summary["played"]
     return {
         "corrected": played.get("reality_corrected"),
         "after": played.get("reality_after"),
-        "adopted": played[KEPT[told["kept"]].replace("patched", "reality")],
+        "adopted": played[KEPT[summary["kept"]].replace("patched", "reality")],
     }

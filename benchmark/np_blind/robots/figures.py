@@ -9,7 +9,7 @@ from scipy.stats import spearmanr
 
 from np_blind.robots.prediction import DRAWS, ENOUGH, prediction_figures
 from np_common.intervals import wilson_interval
-from np_evaluation.finetune.shares import mean_and_interval
+from np_evaluation.finetune.shapley_values import mean_and_interval
 
 LEAST_LOSS = 0.05  # of success, below which there is nothing to return
 STAGES = {"patched": "before", "patched_corrected": "corrected", "patched_after": "after"}

@@ -33,7 +33,7 @@ from np_common.cli import INTERRUPTED, Parser, interrupt_on_sigterm
 from np_common.parallel import HELP, SINGLE_THREAD, workers
 from np_description.weights.header import read_metadata
 from np_description.weights.released import WeightsError
-from np_evaluation.finetune.playing import Cell, Kept, play_all, succeeds, text_of
+from np_evaluation.finetune.rollouts import CachedScores, RolloutCell, run_all_rollouts, succeeds, text_of
 from np_policy.contract import KINDS, PRE_CONTACT
 
 POLICIES = Path(str(files("np_blind") / "data" / "policies.yaml"))
@@ -86,18 +86,18 @@ def prepare(folder: Path) -> list[str]:
     return made
 
 
-def cells_of(robots: Sequence[Robot], diagnoses: Path, policies: Path) -> dict[str, Cell]:
+def cells_of(robots: Sequence[Robot], diagnoses: Path, policies: Path) -> dict[str, RolloutCell]:
     """Cells by name: `nominal_DOMAIN_POLICY`, and of each robot `patched_NUMBER_POLICY` and `engine_NUMBER_POLICY`."""
     cells = {}
     for robot in robots:
         patch = text_of(load_patch(diagnoses / robot.folder / "patch.yaml"))
         for place in sorted((policies / robot.domain).iterdir()):
             weights = str(place.resolve())
-            cells[f"nominal_{robot.domain}_{place.name}"] = Cell(robot.domain, weights=weights, seed=TASKS)
-            cells[f"patched_{robot.number}_{place.name}"] = Cell(
+            cells[f"nominal_{robot.domain}_{place.name}"] = RolloutCell(robot.domain, weights=weights, seed=TASKS)
+            cells[f"patched_{robot.number}_{place.name}"] = RolloutCell(
                 robot.domain, effects=patch, weights=weights, seed=TASKS
             )
-            cells[f"engine_{robot.number}_{place.name}"] = Cell(
+            cells[f"engine_{robot.number}_{place.name}"] = RolloutCell(
                 robot.domain, "physx", text_of(robot.patch), weights, seed=TASKS
             )
     return cells
@@ -108,13 +108,13 @@ def scores_of_released(robots: Sequence[Robot], diagnoses: Path, episodes: int) 
     found = {}
     for robot in robots:
         patch, own = text_of(load_patch(diagnoses / robot.folder / "patch.yaml")), diagnoses / robot.folder / "episodes"
-        believed = Cell(robot.domain, seed=TASKS)
+        believed = RolloutCell(robot.domain, seed=TASKS)
         for name, folder, file, cell in (
             (f"nominal_{robot.domain}", diagnoses / "nominal", f"{robot.domain}_mujoco", believed),
             (f"patched_{robot.number}", own, "patched", replace(believed, effects=patch)),
             (f"engine_{robot.number}", own, "reality", reality_of(robot)),
         ):
-            kept = Kept(folder, {file: cell})
+            kept = CachedScores(folder, {file: cell})
             if not kept.missing(file, episodes):
                 found[f"{name}_{RELEASED}"] = kept.of(file, episodes)
     return found
@@ -144,8 +144,8 @@ def play(options: argparse.Namespace) -> dict:
     robots = [r for r in read_key(options.key) if (options.set / r.folder / "patch.yaml").exists()]
     cells = cells_of(robots, options.set, options.policies)
     with workers(options.jobs, options.cluster) as pool:
-        play_all(cells, options.episodes, options.out, pool, f"matrix, {options.episodes} episodes")
-    kept, episodes = Kept(options.out, cells), options.episodes
+        run_all_rollouts(cells, options.episodes, options.out, pool, f"matrix, {options.episodes} episodes")
+    kept, episodes = CachedScores(options.out, cells), options.episodes
     scores = {name: kept.of(name, episodes) for name in cells}
     table = [_row(r, p.name, scores) for r in robots for p in sorted((options.policies / r.domain).iterdir())]
     released = scores_of_released(robots, options.set, episodes)

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from sim2real.diagnosis import explain_gap as diagnose_arm
 from sim2real.effects.patch import Patch
-from sim2real.excitation.suite import end_of, schedule, suite
+from sim2real.excitation.suite import end_stamp, make_suite, schedule_starts
 from sim2real.recordings.reading import SECOND
 from sim2real.recordings.signals import Commands, Log
-from sim2real.simulation.patching import tried_patch
+from sim2real.simulation.patch_trial import try_patch
 from sim2real.task.camera.rest_poses import find_rest_poses
 from sim2real.task.diagnosis import TaskRecordings
 from sim2real.task.diagnosis import diagnose_task as diagnose_chain
@@ -36,8 +36,8 @@ def record_arm(patch: Patch, seed: int, engine: MakeEngine, only: tuple[str, ...
     arm = Simulation(CARD, seed=seed, patch=patch, engine=engine)
     controller, guard, rng = Controller(), SafetyFilter(), np.random.default_rng([seed, 2])
     guard.start(arm.measure().position[:7])
-    plan = suite(only)
-    starts, end, sent = schedule(plan, SETTLING), end_of(plan, SETTLING), 0
+    plan = make_suite(only)
+    starts, end, sent = schedule_starts(plan, SETTLING), end_stamp(plan, SETTLING), 0
     gains = plan[0].gains
     states, answers, phases = [], [], []
     while arm.stamp < end:
@@ -81,7 +81,7 @@ def diagnose_robot(log: Log | None, tasks: Sequence[TaskRecording]) -> tuple[Pat
     if log is not None:
         try:
             arm = diagnose_arm([log])
-            verdict, (found, left_out, _) = arm.verdict, tried_patch(arm)
+            verdict, (found, left_out, _) = arm.verdict, try_patch(arm)
         except ValueError as error:
             verdict = f"refused: {error}"
     rests = tuple(place for task in tasks for place, _ in find_rest_poses(task.track, task.domain))

@@ -26,7 +26,7 @@ from np_blind.sealed import KEYS, SealError, check_diagnosis_code, check_hash, c
 from np_common.cli import INTERRUPTED, Parser, interrupt_on_sigterm
 from np_common.parallel import HELP, SINGLE_THREAD, workers
 from np_description.weights.provenance import origin
-from np_evaluation.finetune.learning import Learning, gpus
+from np_evaluation.finetune.learning import Learning, list_gpus
 from np_physx_bridge.library import missing
 
 LOCKED_FROM = 30  # seed from which on a set is sealed
@@ -82,7 +82,7 @@ def evaluate(options: argparse.Namespace) -> dict:
     sealed = check_hash(key) if is_locked else digest(key)
     options.out.mkdir(parents=True, exist_ok=True)
     doctor = check_diagnosis_code(options.out, is_locked)
-    there = gpus()
+    there = list_gpus()
     training = Learning(options.minutes, there[0] if there else None, options=tuple(options.train))
     config = EvaluationConfig(
         options.out, options.seed, options.episodes, options.share_episodes, training, options.oracle

@@ -1,1 +1,1 @@
-"""What is beside the arm, in PhysX: cases of the task suite, and what `chain` makes of their recordings."""
+"""Task set-ups in PhysX: cases of the task suite, their recordings, and the score of `diagnose_task`."""

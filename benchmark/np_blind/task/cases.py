@@ -1,6 +1,6 @@
-"""Cases of the chain's blind set: the task suite in PhysX, with a background that is always on, and a gap, or none.
+"""Cases of the task set: the task suite in PhysX, with a background that is always on, and a gap or none.
 
-The key is a function of (cases, seed) alone and needs no simulation, so that its hash can be put down before anything is recorded.
+The key is a function of (cases, seed) alone and needs no simulation.
 """
 
 from __future__ import annotations
@@ -29,18 +29,24 @@ Gap = dict[str, float]
 
 @dataclass(frozen=True)
 class BackgroundSpread:
-    """What any case has, as standard deviations, so that a nuisance of the doctor is one of reality: mass, friction of the table: shares; table
-    m; place m and turn rad of the camera, each axis; joint: of its friction, a share; zero: rad, of a joint's encoder; edge: m, of the
-    object, each."""
+    """Standard deviations of the deviations that every case has."""
 
     mass: float = 0.01
+    """Relative mass of the object."""
     friction: float = 0.03
+    """Relative friction of the table."""
     table: float = 0.0002
+    """Height m of the table."""
     place: float = 0.0005
+    """Position m of the camera, each axis."""
     turn: float = 0.0006
+    """Rotation rad of the camera, each axis."""
     joint: float = 0.1
+    """Relative friction of a joint."""
     zero: float = 0.0003
+    """Encoder zero rad of a joint."""
     edge: float = 0.0004
+    """Edge m of the object, each."""
 
 
 USUAL = BackgroundSpread()
@@ -48,16 +54,20 @@ USUAL = BackgroundSpread()
 
 @dataclass(frozen=True)
 class Case:
-    """kind: clean, single, pair (of effects of the catalogue), or out of it; gap: by effect, or by what is out of the catalogue, its
-    parameters; usual: what any set-up has besides, by effect, component and parameters; longer: m, by which the object's edges are longer than
-    they are believed to be; camera: what a camera and its detector have that are well."""
+    """A set-up with a gap or none."""
 
     number: int
+    """Number in the set."""
     kind: str
+    """clean, single, pair (of effects of the catalogue) or out (of the catalogue)."""
     gap: dict[str, Gap] = field(default_factory=dict)
+    """Parameters by effect, or by what is out of the catalogue."""
     usual: tuple[tuple[str, str, Gap], ...] = ()
+    """Background: effect, component and parameters."""
     longer: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Excess m of the object's edges over the nominal ones."""
     camera: Quirks = Quirks()
+    """Properties of a camera and detector without a gap."""
 
     @property
     def domain(self) -> Domain:

@@ -1,4 +1,4 @@
-"""A case of the chain's blind set made, asked and judged."""
+"""Recording, diagnosis and score of a task case."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FELT_FIRST = "touch_object"  # so that drags press as they should
 
 
 def answer(case: Case, seed: int) -> dict:
-    """A case made, asked and judged."""
+    """Record, diagnose and score a case."""
     begun = time.perf_counter()
     recording = mask_occluded_keypoints(record_case(case, seed))
     fresh = record_case(case, seed + HELD_OUT, (FELT_FIRST, *FAMILIES))
@@ -79,7 +79,7 @@ MAGNET = 0.05  # m from a magnet at which its pull is half
 
 
 def score_diagnosis(case: Case, found: TaskDiagnosis) -> dict:
-    """What is right about an answer."""
+    """The score of a diagnosis."""
     findings = [one for result in found.modules for one in result.findings]
     named = [sorted({one for way in finding.hypotheses for one in way.effects}) for finding in findings]
     modules = sorted({one.module for one in found.modules if one.findings or one.verdict == "unexplained"})

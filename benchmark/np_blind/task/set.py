@@ -1,6 +1,6 @@
-"""The chain's blind set: `chain` asked of the task suite in PhysX, whose gap is known to the key alone.
+"""The task set: `diagnose_task` on recordings of the task suite in PhysX, whose gap only the key knows.
 
-`--seal` puts down the hash of the key, to be committed. A case is a folder, done once its answer lies there, and a call does what --out lacks:
+`--seal` writes the hash of the key, to be committed. A case is a folder, and a call evaluates the cases that --out lacks:
 JOBS cases at a time, or those of a Dask cluster. A seed below 900 is a development set and needs no seal. Needs SAPIEN (`make physx`). The
 last line printed is one JSON object; task.json lies in the folder.
 """

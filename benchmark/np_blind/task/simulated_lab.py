@@ -11,14 +11,14 @@ from sim2real.effects.patch import Patch
 from sim2real.excitation.contact_suite.monitor import OutOfPicture, SuiteMonitor
 from sim2real.excitation.contact_suite.suite import SuiteState, task_suite
 from sim2real.excitation.contact_suite.tip_path import rest_segment
-from sim2real.excitation.suite import Segment, end_of, schedule
+from sim2real.excitation.suite import Segment, end_stamp, schedule_starts
 from sim2real.recordings.reading import SECOND
 from sim2real.recordings.signals import Commands, Log
 from sim2real.task.keypoint_track import KeypointTrack
 from sim2real.task.suite.recording import TaskRecording, spans_of
 from sim2real.thresholds import THRESHOLDS
 
-from np_control.controller import Answer, Controller
+from np_control.controller import Controller, ControllerOutput
 from np_control.impedance import damping
 from np_control.safety import LIMITS, SafetyFilter
 from np_description.camera import CAMERA
@@ -26,7 +26,7 @@ from np_description.domains import Domain, Pose
 from np_description.engine import MakeEngine
 from np_description.panda import JOINT_NAMES
 from np_description.phases import EXCITE, PhaseState
-from np_perception.seen_corners import SeenCorners
+from np_perception.occluded_keypoints import OccludedKeypointBuffer
 from np_sim_bridge.schedule import PERIOD, Schedule
 from np_sim_bridge.simulation import Simulation
 
@@ -50,7 +50,7 @@ class PlainCamera:
 
     def __init__(self, half: np.ndarray, patch: Patch, seed: int):
         self._view, self._rng = CameraEffects(patch, CAMERA, seed), np.random.default_rng([seed, 6])
-        self._corners = SeenCorners(half, self._view.oldest)
+        self._corners = OccludedKeypointBuffer(half, self._view.oldest)
 
     def look(self, stamp: int, pose: Pose, q: np.ndarray, is_due: bool) -> Images:
         """Of the state at `stamp` ns, later than any before: the object's pose, joints (7,) rad, and whether an image is to have that stamp.
@@ -70,7 +70,7 @@ class _Kept:
     joints: list[np.ndarray] = field(default_factory=list)
     images: list[tuple[int, np.ndarray]] = field(default_factory=list)
     phases: list[tuple[int, str]] = field(default_factory=list)
-    answers: list[Answer] = field(default_factory=list)
+    answers: list[ControllerOutput] = field(default_factory=list)
     gains: list[np.ndarray] = field(default_factory=list)
 
 
@@ -102,7 +102,7 @@ class SimulatedLab:
     def run(self, only: tuple[str, ...] = (), is_cut: bool = False) -> TaskRecording:
         """The suite, or some of its families, and what was recorded of it: up to where the object has left the picture. is_cut: up to where the
         suite's guard ends it, too, which raises RuntimeError else."""
-        if not self._witness.has_seen(0):  # an image is ready once its last row is read
+        if not self._witness.has_image(0):  # an image is ready once its last row is read
             self._lead([rest_segment("transfer", self._simulation.measure().position[:7], FIRST)])
         plans = task_suite(self.domain, self._situation(), only)
         plan = next(plans)
@@ -120,11 +120,11 @@ class SimulatedLab:
         return self._recording()
 
     def _situation(self) -> SuiteState:
-        return self._witness.situation(self._simulation.measure().position[:7])
+        return self._witness.state(self._simulation.measure().position[:7])
 
     def _lead(self, plan: list[Segment]) -> None:
         begin = self._simulation.stamp
-        starts, end, sent = schedule(plan, begin), end_of(plan, begin), 0
+        starts, end, sent = schedule_starts(plan, begin), end_stamp(plan, begin), 0
         while self._simulation.stamp < end:
             measured = self._simulation.measure()
             self._controller.observe(measured.stamp, measured.position[:7], measured.velocity[:7])
@@ -145,12 +145,12 @@ class SimulatedLab:
         noise = TORQUE_NOISE * self._rng.standard_normal(7)
         self._kept.stamps.append(stamp)
         self._kept.joints.append(np.stack([measured.position[:7], measured.velocity[:7], measured.effort[:7] + noise]))
-        if stamp % WITNESSED == 0 and (problem := self._witness.feel(*self._kept.joints[-1])):
+        if stamp % WITNESSED == 0 and (problem := self._witness.check_contact(*self._kept.joints[-1])):
             raise RuntimeError(problem)
         is_due = self._schedule.is_image_due(stamp)
         for image in self._eye.look(stamp, self._simulation.object_pose(), measured.position[:7], is_due):
             self._kept.images.append(image)
-            self._witness.see(*image)
+            self._witness.add_keypoints(*image)
 
     def _recording(self) -> TaskRecording:
         time = np.array(self._kept.stamps) / SECOND
@@ -161,7 +161,7 @@ class SimulatedLab:
         )
         stamps, found = zip(*self._kept.images)
         seen, found = np.array(stamps) / SECOND, np.array(found)
-        track = KeypointTrack("task", seen - seen[0], found[..., :2], found[..., 2] >= THRESHOLDS.track.score)
+        track = KeypointTrack("task", seen - seen[0], found[..., :2], found[..., 2] >= THRESHOLDS.keypoint_track.score)
         return TaskRecording(log, track, float(seen[0]), self.domain, spans_of(log))
 
     def _commands(self) -> Commands:

@@ -14,8 +14,8 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from sim2real.arm import rigid
-from sim2real.arm.model import Arm, from_model
+from sim2real.arm import rigid_body as rigid
+from sim2real.arm.model import Arm, arm_from_model
 
 LEAST_INERTIA = 1e-9  # kg m^2 that a joint has to turn
 KINDS = {0: "free", 1: "ball", 2: "slide", 3: "hinge"}  # of mujoco.mjtJoint
@@ -42,14 +42,14 @@ def load_arm(path: str | Path, joints: Sequence[str] | None = None, tip: str | N
                 f"{path}: expected hinges as joints of the arm, got {name!r}, {what}; it has {_listed(kinds)}"
             )
     try:
-        arm = from_model(model, names)
+        arm = arm_from_model(model, names)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     if not np.array_equal(arm.parent, np.arange(len(arm)) - 1):
         raise ValueError(
             f"{path}: expected one chain of hinges base to tip, got {', '.join(names)}; --joints names those of the arm"
         )
-    turned = rigid.felt_inertia(replace(arm, armature=np.zeros(len(arm))), arm.reference)
+    turned = rigid.drive_inertia(replace(arm, armature=np.zeros(len(arm))), arm.reference)
     if (turned < LEAST_INERTIA).any():
         raise ValueError(
             f"{path}: expected links with mass, got none that {arm.joints[int(np.argmin(turned))]} turns: "

@@ -16,7 +16,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from sim2real.arm import rigid
+from sim2real.arm import rigid_body as rigid
 from sim2real.arm.model import Arm
 from sim2real.effects.background import INERTIA_ERROR, MASS_ERROR, PLACE_ERROR
 from sim2real.recordings.signals import Samples
@@ -31,15 +31,15 @@ SPEED, RATE = (
 )  # largest speed, of a joint's limit, and acceleration, of that limit a second: about those of the suite
 
 
-def link_errors(arm: Arm, samples: Samples) -> tuple[np.ndarray, ...]:
+def link_error_torques(arm: Arm, samples: Samples) -> tuple[np.ndarray, ...]:
     """Torques (n, c) Nm of each joint that one standard deviation of each component of all links' errors gives the
-    samples' motion, in the order of `components`."""
+    samples' motion, in the order of `principal_components`."""
     tables = _tables(arm, samples.position, samples.velocity, samples.acceleration)
-    return tuple(_columns(arm, tables, joint) @ found for joint, found in enumerate(components(arm)))
+    return tuple(_columns(arm, tables, joint) @ found for joint, found in enumerate(principal_components(arm)))
 
 
 @lru_cache(maxsize=8)
-def components(arm: Arm) -> tuple[np.ndarray, ...]:
+def principal_components(arm: Arm) -> tuple[np.ndarray, ...]:
     """Of each joint, directions (5 l, c) in standard deviations of the errors of the l links that it turns: principal
     components of the torques, largest first; those too small to be seen in the joint are left out."""
     rng = np.random.default_rng(0)
@@ -60,23 +60,23 @@ def components(arm: Arm) -> tuple[np.ndarray, ...]:
 
 def _tables(arm: Arm, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> list[np.ndarray]:
     """Of each link, torques (n, k, 5) Nm in a motion, without weight, by one standard deviation of each of its errors."""
-    motion = rigid.move(arm, q, dq, ddq, np.zeros(3))
+    motion = rigid.forward_recursion(arm, q, dq, ddq, np.zeros(3))
     return [rigid.regressor(arm, motion, link) @ change for link, change in enumerate(_changes(arm))]
 
 
 def _columns(arm: Arm, tables: list[np.ndarray], joint: int) -> np.ndarray:
-    return np.hstack([tables[link][:, joint] for link in rigid.carried(arm, joint)])
+    return np.hstack([tables[link][:, joint] for link in rigid.links_moved_by(arm, joint)])
 
 
 def _changes(arm: Arm) -> list[np.ndarray]:
     """For each link, changes (10, 5) of its `rigid.PARAMETERS` by one standard deviation: of its mass, with all that is
     proportional to it; of the place of its centre along x, y, z; of its inertia about that centre."""
     found = []
-    for link, own in enumerate(rigid.centred_inertia(arm)):
+    for link, own in enumerate(rigid.central_inertia(arm)):
         mass, moment = arm.mass[link], arm.moment[link]
         whole = np.concatenate([[mass], moment, _six(arm.inertia[link])])
         turned = np.concatenate([np.zeros(4), _six(own)])
-        moved = PLACE_ERROR * np.linalg.norm(moment) * rigid.moved_centre(arm, link)
+        moved = PLACE_ERROR * np.linalg.norm(moment) * rigid.mass_centre_change(arm, link)
         found.append(np.column_stack([MASS_ERROR * whole, moved, INERTIA_ERROR * turned]))
     return found
 

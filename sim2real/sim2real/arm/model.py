@@ -67,7 +67,7 @@ def panda(hand: bool = True) -> Arm:
         for name in ("panda_hand", *(f.replace("_joint", "") for f in NOMINAL.fingers)):
             body = model.body(name).id
             model.body_mass[body], model.body_inertia[body] = 0.0, 0.0
-    arm = from_model(model, NOMINAL.joints, site=TCP_FRAME)
+    arm = arm_from_model(model, NOMINAL.joints, site=TCP_FRAME)
     return replace(
         arm,
         position_lower=NOMINAL.position_lower,
@@ -79,7 +79,7 @@ def panda(hand: bool = True) -> Arm:
     )
 
 
-def from_model(model: mujoco.MjModel, joints: Sequence[str], site: str | None = None) -> Arm:
+def arm_from_model(model: mujoco.MjModel, joints: Sequence[str], site: str | None = None) -> Arm:
     """The arm of these hinges; every other joint of the model is held at its reference."""
     index = []
     for name in joints:

@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim2real.arm import rigid
+from sim2real.arm import rigid_body as rigid
 from sim2real.arm.model import Arm
 from sim2real.effects.recurrences import smooth_sign
-from sim2real.recordings.signals import Log, sample
+from sim2real.recordings.signals import Log, sample_logs
 from sim2real.thresholds import THRESHOLDS
 
 EFFORT = THRESHOLDS.effort
@@ -26,9 +26,9 @@ def is_after_gear(logs: Sequence[Log], arm: Arm, commanded: bool = False) -> boo
 
     By the share of it that goes with each joint's motion, the median over the joints that slide.
     """
-    samples, shares = sample(list(logs), commanded), []
+    samples, shares = sample_logs(list(logs), commanded), []
     gravity = None if samples.with_gravity else np.zeros(3)
-    rigid_part = rigid.torque(arm, samples.position, samples.velocity, samples.acceleration, gravity)
+    rigid_part = rigid.inverse_dynamics(arm, samples.position, samples.velocity, samples.acceleration, gravity)
     for j in range(len(arm)):
         friction = (
             samples.filtered(j, lambda q, v: smooth_sign(v)) * arm.frictionloss[j]
@@ -44,7 +44,7 @@ def is_after_gear(logs: Sequence[Log], arm: Arm, commanded: bool = False) -> boo
     return bool(shares) and float(np.median(shares)) < EFFORT.share
 
 
-def on_the_drives_side(logs: Sequence[Log], arm: Arm, side: str | None) -> tuple[list[Log], Arm]:
+def convert_to_drive_side(logs: Sequence[Log], arm: Arm, side: str | None) -> tuple[list[Log], Arm]:
     """(logs, arm) that go with each other: what the drives give, and the arm that they move.
 
     side: DRIVE, SENSOR, or None to ask the recording. Where commands are what a sensor after the gear shows as well (a drive

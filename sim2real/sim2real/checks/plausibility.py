@@ -7,20 +7,20 @@ from itertools import combinations
 import numpy as np
 
 from sim2real.arm.model import Arm, panda
-from sim2real.arm.stages import expected_torque
+from sim2real.arm.nominal_prediction import expected_torque
 from sim2real.recordings.reading import ContractViolation
-from sim2real.recordings.signals import Log, Samples, sample
+from sim2real.recordings.signals import Log, Samples, sample_logs
 from sim2real.thresholds import THRESHOLDS
 
 PLAUSIBILITY = THRESHOLDS.plausibility
 
 
-def check(log: Log, arm: Arm | None = None) -> None:
+def check_plausibility(log: Log, arm: Arm | None = None) -> None:
     """Raise ContractViolation for a log in other units, with reversed signs or swapped joints."""
     arm = arm or panda()
     _check_range(log, arm)
     _check_velocity(log, arm)
-    samples = sample([log])
+    samples = sample_logs([log])
     rows = _most_motion(samples)
     if rows.size:
         _check_speed(log, arm, samples, rows)

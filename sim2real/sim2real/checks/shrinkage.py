@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim2real.checks.floor import repeatability, white_noise
+from sim2real.checks.repeatability import measure_repeatability, white_noise
 from sim2real.effects.stage import Stage
-from sim2real.inference.fit import held_out
-from sim2real.inference.search import Model, Search, fits_of
+from sim2real.inference.fit import predict_held_out_residual
+from sim2real.inference.search import ModelSearch, ScoredModel, fits_by_joint
 from sim2real.thresholds import THRESHOLDS
 
 SHRINKAGE = THRESHOLDS.shrinkage
@@ -53,17 +53,17 @@ class Gap:
         """Mean of the joints, Nm."""
         return float(self.floor_joint[self.moved].mean())
 
-    def alone(self, search: Search, member: int) -> float:
+    def shrink_alone(self, search: ModelSearch, member: int) -> float:
         """Share by which one effect alone shrinks the gap of the joints that it shows in."""
         return _share(search, (), (member,))
 
-    def removed(self, search: Search, chosen: Model, member: int) -> float:
+    def energy_removed(self, search: ModelSearch, chosen: ScoredModel, member: int) -> float:
         """Mean square Nm^2, summed over joints and stages, that the model without this member leaves beyond the model."""
         less = tuple(m for m in chosen.members if m != member)
         return float(_squares(search, less).sum() - _squares(search, chosen.members).sum())
 
 
-def measure(search: Search, chosen: Model, seed: int) -> Gap:
+def measure_gap(search: ModelSearch, chosen: ScoredModel, seed: int) -> Gap:
     """The gap of the chosen model. Raises ValueError where no joint moves in enough blocks."""
     design = search.design
     cells, joints = design.cells, len(design.context.arm)
@@ -104,7 +104,7 @@ def measure(search: Search, chosen: Model, seed: int) -> Gap:
     )
 
 
-def regimes(velocity: np.ndarray, acceleration: np.ndarray, reversing: np.ndarray) -> dict[str, np.ndarray]:
+def split_regimes(velocity: np.ndarray, acceleration: np.ndarray, reversing: np.ndarray) -> dict[str, np.ndarray]:
     """Masks (n, k): each sample of a joint is in exactly one regime. reversing (n, k) bool."""
     standing = (np.abs(velocity) <= SHRINKAGE.standing) & ~reversing
     masks, remaining = {}, np.ones_like(standing)
@@ -118,16 +118,16 @@ def regimes(velocity: np.ndarray, acceleration: np.ndarray, reversing: np.ndarra
     return {name: masks.get(name, remaining) for name in REGIMES}
 
 
-def _residuals(search: Search, members: tuple[int, ...]) -> list[np.ndarray]:
-    fits = fits_of(search, members)
-    return [held_out(cell, *fits[cell.joint]) for cell in search.design.cells]
+def _residuals(search: ModelSearch, members: tuple[int, ...]) -> list[np.ndarray]:
+    fits = fits_by_joint(search, members)
+    return [predict_held_out_residual(cell, *fits[cell.joint]) for cell in search.design.cells]
 
 
 def _counted(cell) -> bool:
     return cell.stage is not Stage.TRANSMISSION
 
 
-def _squares(search: Search, members: tuple[int, ...]) -> np.ndarray:
+def _squares(search: ModelSearch, members: tuple[int, ...]) -> np.ndarray:
     """Mean square (cells,) of the held-out residual of every cell; r3 is a twist, no torque, and weighed."""
     cells = search.design.cells
     total = []
@@ -138,7 +138,7 @@ def _squares(search: Search, members: tuple[int, ...]) -> np.ndarray:
     return np.array(total)
 
 
-def _share(search: Search, fewer: tuple[int, ...], more: tuple[int, ...]) -> float:
+def _share(search: ModelSearch, fewer: tuple[int, ...], more: tuple[int, ...]) -> float:
     before, after = _squares(search, fewer), _squares(search, more)
     shows = np.array(
         [
@@ -180,7 +180,7 @@ def _rms(cells, squares, rows, weights, joints: int) -> np.ndarray:
 def _floor(design, joints: int) -> tuple[np.ndarray, np.ndarray]:
     context = design.context
     residual = context.samples.torque - context.prediction.total
-    floor, is_measured = repeatability(context.samples, residual)
+    floor, is_measured = measure_repeatability(context.samples, residual)
     total = floor**2
     if context.drive is not None:
         d = context.drive

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2real.checks.constancy import joints_with_play, slipped, unexplained_patterns
-from sim2real.checks.omnibus import LackOfFit
-from sim2real.checks.standstill import ageing
+from sim2real.checks.friction_ageing import find_friction_ageing
+from sim2real.checks.lack_of_fit import LackOfFit
+from sim2real.checks.stationarity import find_patterns, find_slipped_encoders, joints_with_play
 from sim2real.effects.evidence import Context
 from sim2real.effects.stage import Stage
-from sim2real.inference.search import Model, Search
-from sim2real.inference.visible import visible
+from sim2real.inference.noise_floor import noise_floor
+from sim2real.inference.search import ModelSearch, ScoredModel
 from sim2real.thresholds import THRESHOLDS
 
 VERDICT = THRESHOLDS.verdict
 
 
 def find_unexplained_joints(
-    search: Search, chosen: Model, lack_of_fit: list[LackOfFit], quick: bool = False
+    search: ModelSearch, chosen: ScoredModel, lack_of_fit: list[LackOfFit], quick: bool = False
 ) -> tuple[int, ...]:
     """Joints, by number, that any of the tests rejects; quick: without those of patterns in time."""
     context, members = search.design.context, chosen.members
@@ -25,14 +25,17 @@ def find_unexplained_joints(
         find_lack_of_fit(lack_of_fit, context, joints_with_play(search, members)),
         _overexplained(search, chosen),
         _at_bounds(search, chosen),
-        ageing(search, members),
+        find_friction_ageing(search, members),
     ]
     if not quick:
-        suspect += [{m.joint for m in unexplained_patterns(search, members, lack_of_fit)}, slipped(search, members)]
+        suspect += [
+            {m.joint for m in find_patterns(search, members, lack_of_fit)},
+            find_slipped_encoders(search, members),
+        ]
     return tuple(sorted(set().union(*suspect)))
 
 
-def _overexplained(search: Search, chosen: Model) -> set[int]:
+def _overexplained(search: ModelSearch, chosen: ScoredModel) -> set[int]:
     """Joints that need more effects than `VERDICT.per_joint`, the arm's own included: so many can describe anything."""
     cells, count = search.design.cells, np.zeros(len(search.design.context.arm), int)
     before, after = np.array(search.energies(())), np.array(search.energies(chosen.members))
@@ -43,22 +46,22 @@ def _overexplained(search: Search, chosen: Model) -> set[int]:
     return set(np.flatnonzero(count > VERDICT.per_joint).tolist())
 
 
-def _at_bounds(search: Search, chosen: Model) -> set[int]:
-    """Joints at which a parameter, or a shape, is at its bound: the best fit is then no explanation."""
+def _at_bounds(search: ModelSearch, chosen: ScoredModel) -> set[int]:
+    """Joints at which a linear or nonlinear parameter is at its bound: the best fit is then no explanation."""
     found = set()
     for joints, inside in search.groups(chosen.members):
         ids, fitted = search.ids(joints, inside), search.group(joints, inside)[0].fit.parameters.mean(axis=0)
         for m in inside:
             candidate = search.design.candidates[m]
             places = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
-            shape = candidate.effect.shape
-            is_beyond = shape is not None and shape.value > shape.upper
+            nonlinear = candidate.effect.nonlinear
+            is_beyond = nonlinear is not None and nonlinear.value > nonlinear.upper
             if is_beyond or any(
                 abs(fitted[at]) > VERDICT.at_bound * search.design.parameters[i].upper
                 for at, i in zip(places, candidate.ids)
                 if search.design.parameters[i].name != "share"
             ):
-                found |= set(search.reach(candidate)) if candidate.place is None else {candidate.place}
+                found |= set(search.joints_affected(candidate)) if candidate.place is None else {candidate.place}
     return found
 
 
@@ -71,7 +74,7 @@ def find_lack_of_fit(lack_of_fit: list[LackOfFit], context: Context, with_play: 
     """
     found = set()
     for left in lack_of_fit:
-        least = visible(context, left.stage, left.joint, VERDICT.torque)
+        least = noise_floor(context, left.stage, left.joint, VERDICT.torque)
         removable = left.chosen - left.flexible
         is_sure = left.gain > max(VERDICT.gain, VERDICT.gain_errors * left.error)
         is_material = removable > left.rows * least**2

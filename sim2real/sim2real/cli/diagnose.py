@@ -81,23 +81,25 @@ def verify_patch(options: argparse.Namespace) -> int:
     """A recording beside the simulator with a patch and without it; verification.json, and JSON as the last line."""
     from sim2real.arm.model import panda
     from sim2real.effects.patch import load_patch
-    from sim2real.preparation import to_torques
+    from sim2real.preparation import convert_to_torques
     from sim2real.recordings.reading import ContractViolation
-    from sim2real.simulation.verification import sentence, verify, write
+    from sim2real.simulation.verification import verification_sentence, verify_patch, write_verification
 
     try:
         if options.model or options.no_hand or options.rigid_body:
             raise ValueError("--patch: expected the nominal Panda with its hand, which a patch is made for")
         patch = load_patch(options.patch)
-        found = verify(to_torques(_load_all(options.logs, panda()), panda()), patch)
+        found = verify_patch(convert_to_torques(_load_all(options.logs, panda()), panda()), patch)
     except (ValueError, FloatingPointError) as error:
         print(f"diagnose: {error}", file=sys.stderr)
         print(json.dumps({"error": str(error)}))
         return 2 if isinstance(error, ContractViolation) else 1
-    print(sentence(found))
+    print(verification_sentence(found))
     for line in found["held_back"]:
         print(f"held back: {line}")
-    print(json.dumps({**found, "patch": str(options.patch), "verification": str(write(options.out, found))}))
+    print(
+        json.dumps({**found, "patch": str(options.patch), "verification": str(write_verification(options.out, found))})
+    )
     return 0
 
 
@@ -124,9 +126,10 @@ def main(arguments: list[str] | None = None) -> int:
         return verify_patch(options)
     from sim2real import single_thread  # noqa: F401, I001  before NumPy
     from sim2real.diagnosis import diagnose
+    from sim2real.consequences import follow_up
     from sim2real.progress import StageProgress
     from sim2real.recordings.reading import ContractViolation
-    from sim2real.report.document import write
+    from sim2real.report.document import write_report
 
     began = time.monotonic()
     try:
@@ -145,7 +148,16 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"diagnose: {error}", file=sys.stderr)
         print(json.dumps({"error": str(error)}))
         return 1
-    report = write(options.out, diagnosis, logs, lambda: time.monotonic() - began, options.quick, progress.begin)
+    consequences = follow_up(diagnosis, options.quick, progress.begin)
+    report = write_report(
+        options.out,
+        diagnosis,
+        logs,
+        consequences,
+        lambda: time.monotonic() - began,
+        options.quick,
+        progress.begin,
+    )
     progress.end()
     print(report["sentence"])
     gap = report["gap"]

@@ -1,7 +1,7 @@
 """How an effect shows: columns by which its parameters enter the residuals of each stage.
 
 residual(stage) = sum over effects of columns(stage) @ parameters. Parameters are changes against the nominal simulator, so
-zero is no effect. What is not linear has a `shape` (a lag, a speed) on a grid of variants: the competition of models picks
+zero is no effect. A `nonlinear` parameter (a lag, a speed) has a grid of variants: the competition of models picks
 one, and its size is settled afterwards.
 """
 
@@ -20,43 +20,45 @@ MODEL_ERROR = 0.015  # share to which two discretisations of the same law agree:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A change against the nominal simulator, from lower to upper, N(centre, prior^2) before any data.
-
-    least: magnitude up to which it is what any arm has of it, and not worth naming. background: standard deviation of what
-    any arm has of it, which no interval can be narrower than.
-    """
+    """A coefficient: a change against the nominal simulator, N(centre, prior^2) before any data, within bounds."""
 
     name: str
     unit: str
     lower: float
     upper: float
     prior: float
+    """Standard deviation of the prior."""
     centre: float = 0.0
+    """Mean of the prior."""
     least: float = 0.0
+    """Magnitude up to which it is unit-to-unit variation, and not worth naming."""
     background: float = 0.0
+    """Standard deviation of the unit-to-unit variation, which no interval can be narrower than."""
 
 
-# Of an effect that lies in its shape: how much of the shape's columns is there.
 SHARE = Parameter("share", "1", 0.0, 3.0, 1.0)
-WHOLE = Parameter("share", "1", 0.7, 1.3, 0.02, 1.0)  # all of it, or it is another shape
+"""Coefficient of an effect with a nonlinear parameter: the fraction of its columns that is there."""
+WHOLE = Parameter("share", "1", 0.7, 1.3, 0.02, 1.0)
+"""The same where all of it is there, or the nonlinear parameter is another."""
 
 
 @dataclass(frozen=True, eq=False)
 class NonlinearParameter:
-    """A parameter that columns are not linear in.
-
-    linear: to first order the effect is proportional to it, so that the only coefficient is its share, and value times
-    coefficient is the better value. upper: beyond it, it is another effect of the same form.
-    """
+    """A parameter that the columns are not linear in; the search knows a grid of it, and it is refined afterwards."""
 
     name: str
     unit: str
     value: float
     rebuild: Callable[[float], EffectRegressor]
+    """The regressor at another value."""
     linear: bool = False
+    """Whether the effect is proportional to it to first order, so that value times coefficient is the better value."""
     background: float = 0.0
+    """As in `Parameter`."""
     least: float = 0.0
+    """As in `Parameter`."""
     upper: float = np.inf
+    """Largest value; beyond it the cause is another one of the same form."""
 
 
 Columns = Callable[[Context, int], np.ndarray]
@@ -66,28 +68,33 @@ Columns = Callable[[Context, int], np.ndarray]
 class EffectRegressor:
     """One way in which an effect may show in a recording.
 
-    columns: stage -> function(context, joint) -> (n, parameters), residual per unit. An effect of one joint acts on that
-    joint only; an effect of the whole arm (`is_arm`) shows in every joint with the same parameters. variant: what tells it
-    from other signatures of this id, in words. component: of an arm effect, the joint it sits at, or "arm". only_joint: the
-    one joint a variant is meant for, None for all. constants: numbers of the variant that a simulator needs besides the
-    parameters. absorbs: the nuisance that says the same: what the data put into it beyond its usual value belongs to the
-    effect. model: share of a value to which the law itself is known, half of a 95 % interval. acts: share of the rows in which
-    it acts at all, by which it is judged whether it matters: what is rare is small on average.
+    An effect of one joint acts on that joint only. An effect of the whole arm shows in every joint with the same parameters.
     """
 
     id: str
+    """Id of the effect."""
     parameters: tuple[Parameter, ...]
     columns: Mapping[Stage, Columns]
+    """Stage -> function(context, joint) -> (n, parameters), residual per unit."""
     source: str
+    """Where the law is from."""
     variant: str = ""
-    shape: NonlinearParameter | None = None
+    """What tells it from other regressors of this id, in words."""
+    nonlinear: NonlinearParameter | None = None
     is_arm: bool = False
+    """Whether it is of the whole arm."""
     component: str = "arm"
+    """Of an effect of the arm, the joint that it sits at, or "arm"."""
     only_joint: int | None = None
+    """The one joint that a variant is meant for; None: all."""
     constants: Mapping[str, float] = field(default_factory=dict)
+    """Numbers of the variant that a simulator needs besides the parameters."""
     absorbs: str = ""
+    """Name of the nuisance that has the same columns: what exceeds its usual value belongs to the effect."""
     model: float = MODEL_ERROR
+    """Half of a 95 % interval of the law itself, as a fraction of the value."""
     acts: float = 1.0
+    """Fraction of the rows in which it acts, by which a rare effect is judged."""
 
     @property
     def key(self) -> str:

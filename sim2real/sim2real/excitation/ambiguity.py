@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from sim2real.diagnosis import Diagnosis
 from sim2real.effects.catalogue import equivalence_classes
 from sim2real.finding import Finding
-from sim2real.inference.design import Design
-from sim2real.inference.ranking import generalisations
-from sim2real.inference.search import Model, Search
+from sim2real.inference.ranking import find_generalisations
+from sim2real.inference.regression import RegressionProblem
+from sim2real.inference.search import ModelSearch, ScoredModel
 from sim2real.thresholds import THRESHOLDS
 
 AMBIGUITY = THRESHOLDS.ambiguity
@@ -24,13 +24,13 @@ class Ambiguity:
     component: at which they do.
     """
 
-    models: tuple[Model, ...]
+    models: tuple[ScoredModel, ...]
     names: tuple[tuple[str, ...], ...]
     joints: tuple[int, ...]
     component: str
 
 
-def open_question(diagnosis: Diagnosis) -> tuple[Finding, Ambiguity] | None:
+def find_open_question(diagnosis: Diagnosis) -> tuple[Finding, Ambiguity] | None:
     """The largest ambiguity of a diagnosis, and the finding that it is about; None where there is none."""
     search, chosen, joints = diagnosis.search, diagnosis.chosen, diagnosis.context.arm.joints
     for finding in diagnosis.findings:
@@ -41,7 +41,7 @@ def open_question(diagnosis: Diagnosis) -> tuple[Finding, Ambiguity] | None:
                 m
                 for m in chosen.members
                 if (c := search.design.candidates[m]).effect.id == finding.effect.id
-                and c.at(joints) == finding.component
+                and c.component(joints) == finding.component
             ),
             None,
         )
@@ -52,27 +52,29 @@ def open_question(diagnosis: Diagnosis) -> tuple[Finding, Ambiguity] | None:
             for f in diagnosis.findings
             if not f.is_chosen and f.probability > 1 - THRESHOLDS.verdict.certain
         }
-        question = ambiguity(search, chosen, member, likely.union(finding.competing_effects))
+        question = find_ambiguity(search, chosen, member, likely.union(finding.competing_effects))
         if question is not None:
             return finding, question
     return None
 
 
-def ambiguity(search: Search, chosen: Model, member: int, equivalent: Collection[str]) -> Ambiguity | None:
+def find_ambiguity(
+    search: ModelSearch, chosen: ScoredModel, member: int, equivalent: Collection[str]
+) -> Ambiguity | None:
     """The chosen model together with those in which something else stands in a member's place.
 
     equivalent: ids that may; where none of them comes near, whatever does. None where nothing does.
     """
     design, joints = search.design, search.design.context.arm.joints
-    place = design.candidates[member].at(joints)
+    place = design.candidates[member].component(joints)
     remaining = tuple(m for m in chosen.members if m != member)
-    inside = generalisations(search, member)  # no experiment can tell them from the member
+    inside = find_generalisations(search, member)  # no experiment can tell them from the member
     near = [
         (n,)
-        for n in search.promising(search.model(remaining), THRESHOLDS.search.tried)
+        for n in search.rank_candidates(search.model(remaining), THRESHOLDS.search.tried)
         if _fits(design, member, n) and design.candidates[n].effect.id not in inside
     ]
-    found: dict[tuple[str, ...], Model] = {}
+    found: dict[tuple[str, ...], ScoredModel] = {}
     for replaced, others in (((member,), near), *_sums(search, chosen, member)):
         kept = tuple(m for m in chosen.members if m not in replaced)
         for added in others:
@@ -95,26 +97,26 @@ def ambiguity(search: Search, chosen: Model, member: int, equivalent: Collection
         return None
     models = (chosen, *(s for _, s in ranked))
     differing = {m for s in models for m in s.members} - set.intersection(*(set(s.members) for s in models))
-    touched = sorted({j for m in differing for j in reach(search, m)})
+    touched = sorted({j for m in differing for j in joints_affected(search, m)})
     return Ambiguity(models, (mine, *(names for names, _ in ranked)), tuple(touched), place)
 
 
-def reach(search: Search, member: int) -> tuple[int, ...]:
+def joints_affected(search: ModelSearch, member: int) -> tuple[int, ...]:
     """Joints, by number, in which a member shows."""
     candidate = search.design.candidates[member]
-    return search.reach(candidate) if candidate.joint is None else (candidate.joint,)
+    return search.joints_affected(candidate) if candidate.joint is None else (candidate.joint,)
 
 
-def _beside(search: Search, chosen: Model, member: int, name: str) -> dict[tuple[str, ...], Model]:
+def _beside(search: ModelSearch, chosen: ScoredModel, member: int, name: str) -> dict[tuple[str, ...], ScoredModel]:
     """The best model with the effect `name` at a member's place and without the member, where it comes
     near; called by all that it has and the chosen one has not. What it comes near without is left out: that
     explains something else, which the chosen model could have beside the member as well."""
     design, joints = search.design, search.design.context.arm.joints
-    place = design.candidates[member].at(joints)
+    place = design.candidates[member].component(joints)
     least = search.value(chosen) - AMBIGUITY.near
 
-    def stands_in(model: Model) -> bool:
-        here = {c.effect.id for c in map(design.candidates.__getitem__, model.members) if c.at(joints) == place}
+    def stands_in(model: ScoredModel) -> bool:
+        here = {c.effect.id for c in map(design.candidates.__getitem__, model.members) if c.component(joints) == place}
         return member not in model.members and name in here and search.value(model) > least
 
     found = [model for model in search.tried.values() if stands_in(model)]
@@ -128,13 +130,15 @@ def _beside(search: Search, chosen: Model, member: int, name: str) -> dict[tuple
     return {tuple(sorted(design.candidates[m].effect.id for m in added)): best}
 
 
-def _fits(design: Design, member: int, other: int) -> bool:
+def _fits(design: RegressionProblem, member: int, other: int) -> bool:
     """Whether a candidate could stand in a member's place: at its joint, or of the arm."""
     mine, its = design.candidates[member], design.candidates[other]
     return its.effect.id != mine.effect.id and (None in (its.joint, mine.joint) or its.joint == mine.joint)
 
 
-def _sums(search: Search, chosen: Model, member: int) -> Iterator[tuple[tuple[int, ...], list[tuple[int, ...]]]]:
+def _sums(
+    search: ModelSearch, chosen: ScoredModel, member: int
+) -> Iterator[tuple[tuple[int, ...], list[tuple[int, ...]]]]:
     """(members replaced, what stands for them) where a class of effects has a sum, as "a + b"."""
     design = search.design
     mine = design.candidates[member]
@@ -152,7 +156,7 @@ def _sums(search: Search, chosen: Model, member: int) -> Iterator[tuple[tuple[in
                 yield tuple(here[p] for p in parts), [(by_id[s][0],) for s in single if s in by_id]
 
 
-def _same(design: Design, one: int, other: int) -> bool:
+def _same(design: RegressionProblem, one: int, other: int) -> bool:
     a, b = design.candidates[one], design.candidates[other]
     return one == other or (a.effect.id, a.joint, a.effect.component) == (
         b.effect.id,

@@ -17,14 +17,14 @@ from np_description.panda import NOMINAL
 from sim2real.diagnosis import Diagnosis
 from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.catalogue import equivalence_classes
-from sim2real.excitation.ambiguity import Ambiguity, reach
-from sim2real.excitation.forecast import planned_cells
-from sim2real.excitation.suite import experiment
+from sim2real.excitation.ambiguity import Ambiguity, joints_affected
+from sim2real.excitation.planned_recordings import plan_cells
+from sim2real.excitation.suite import make_experiment
 from sim2real.finding import Finding
-from sim2real.inference.cells import Cell
-from sim2real.inference.design import Design
-from sim2real.inference.fit import fit, places
-from sim2real.inference.search import Search
+from sim2real.inference.fit import fit_parameters, parameter_indices
+from sim2real.inference.regression import RegressionProblem
+from sim2real.inference.residual_cells import ResidualCell
+from sim2real.inference.search import ModelSearch
 from sim2real.thresholds import THRESHOLDS
 
 POWER = THRESHOLDS.power
@@ -50,7 +50,7 @@ EXPERIMENTS = (
 
 
 @dataclass(frozen=True)
-class Power:
+class ExperimentPower:
     """What an experiment is expected to say.
 
     probability: that the true model leads all it can be told from by `POWER.decisive` nats in the end; nats: expected
@@ -68,7 +68,7 @@ class Power:
         return float(np.sqrt(2 * max(self.nats, 0.0)))
 
 
-def candidates_for(joints: Sequence[int]) -> tuple[str, ...]:
+def candidate_experiments(joints: Sequence[int]) -> tuple[str, ...]:
     """Experiments worth planning for what shows in these joints, by number."""
     own = [f"{kind}_{j + 1}" for j in joints for kind in ("sinusoid", "sweep")] if len(joints) <= 2 else []
     halves = {"odd" if j % 2 == 0 else "even" for j in joints}
@@ -79,18 +79,22 @@ def candidates_for(joints: Sequence[int]) -> tuple[str, ...]:
     )
 
 
-def powers(search: Search, open_question: Ambiguity, names: Sequence[str], seed: int = 0) -> list[list[Power]]:
+def predict_powers(
+    search: ModelSearch, open_question: Ambiguity, names: Sequence[str], seed: int = 0
+) -> list[list[ExperimentPower]]:
     """For each rival, what each experiment is expected to say of it against the chosen model."""
     design, models = search.design, open_question.models
     here = [
-        m for m in sorted({m for s in models for m in s.members}) if set(reach(search, m)) & set(open_question.joints)
+        m
+        for m in sorted({m for s in models for m in s.members})
+        if set(joints_affected(search, m)) & set(open_question.joints)
     ]
     cells = [c for c in design.cells if c.joint in open_question.joints]
-    planned = planned_cells(design, names, here, open_question.joints)
+    planned = plan_cells(design, names, here, open_question.joints)
     nuisance = np.concatenate([design.nuisances[j] for j in open_question.joints])
     believed = [_Belief.of(design, cells, nuisance, [m for m in s.members if m in here]) for s in models]
     ids = np.unique(np.concatenate([b.ids for b in believed]))
-    duration = [experiment(name).duration for name in names]
+    duration = [make_experiment(name).duration for name in names]
     table = []
     for rival, other in zip(models[1:], believed[1:]):
         lead = float(np.clip(models[0].total - rival.total, -POWER.known, POWER.known))
@@ -102,12 +106,14 @@ def powers(search: Search, open_question: Ambiguity, names: Sequence[str], seed:
             one, two = (_factors(normal, ids, *pair, seed) for pair in ((believed[0], other), (other, believed[0])))
             found, missed = np.mean(lead + one > POWER.decisive), np.mean(two - lead > POWER.decisive)
             right = probability * found + (1 - probability) * missed
-            row.append(Power(name, duration[number], float(right), float(min(one.mean(), two.mean()))))
+            row.append(ExperimentPower(name, duration[number], float(right), float(min(one.mean(), two.mean()))))
         table.append(row)
     return table
 
 
-def next_experiment(diagnosis: Diagnosis, question: tuple[Finding, Ambiguity] | None, seed: int = 0) -> dict | None:
+def choose_next_experiment(
+    diagnosis: Diagnosis, question: tuple[Finding, Ambiguity] | None, seed: int = 0
+) -> dict | None:
     """What would settle a question, as the report says it; None where there is none.
 
     For another arm than the Panda, whose excitation this package does not plan: what the catalogue says.
@@ -129,9 +135,9 @@ def _known(finding: Finding) -> dict:
     }
 
 
-def _answer(search: Search, question: Ambiguity, seed: int) -> dict:
-    names = candidates_for(question.joints)
-    table = powers(search, question, names, seed)
+def _answer(search: ModelSearch, question: Ambiguity, seed: int) -> dict:
+    names = candidate_experiments(question.joints)
+    table = predict_powers(search, question, names, seed)
     text = [" + ".join(parts) for parts in question.names]
     can = [max(p.probability for p in row) >= POWER.least for row in table]
     weights = (
@@ -156,7 +162,7 @@ def _answer(search: Search, question: Ambiguity, seed: int) -> dict:
     weights = weights / weights.sum()
     columns = list(zip(*table))
     ranked = [
-        Power(
+        ExperimentPower(
             column[0].name,
             column[0].duration,
             float(sum(w * p.probability for w, p in zip(weights, column))),
@@ -199,9 +205,11 @@ class _Belief:
     variance: dict[tuple[str, int], float]
 
     @classmethod
-    def of(cls, design: Design, cells: Sequence[Cell], nuisance: np.ndarray, members: Sequence[int]) -> _Belief:
+    def of(
+        cls, design: RegressionProblem, cells: Sequence[ResidualCell], nuisance: np.ndarray, members: Sequence[int]
+    ) -> _Belief:
         ids = np.concatenate([nuisance, *(design.candidates[m].ids for m in members)])
-        whole = fit(
+        whole = fit_parameters(
             cells,
             [c.test.sum(axis=0)[None] for c in cells],
             [c.test_rows.sum()[None] for c in cells],
@@ -220,7 +228,7 @@ def _normal(cells, planned, variance, ids, number) -> np.ndarray:
     """Sum (p, p) of squares and products of all parameters' columns in one experiment, over the noise."""
     normal = np.zeros((len(ids), len(ids)))
     for cell in planned:
-        columns, at = places(cell, ids)
+        columns, at = parameter_indices(cell, ids)
         gram = cell.test[number][np.ix_(columns, columns)]
         normal[np.ix_(at, at)] += gram / variance[cell.name, cell.joint]
     return normal

@@ -157,12 +157,12 @@ FURTHER = tuple(_FURTHER)
 _ALL = _SUITE | _FURTHER
 
 
-def experiment(name: str) -> Segment:
+def make_experiment(name: str) -> Segment:
     """The segment of one experiment, by its own name. Raises KeyError for one that is not known."""
     return _ALL[name]().segment(name)
 
 
-def suite(only: Sequence[str] = (), start: np.ndarray = READY) -> list[Segment]:
+def make_suite(only: Sequence[str] = (), start: np.ndarray = READY) -> list[Segment]:
     """The plan of the named experiments (the suite, `NAMES`, if none is named) for an arm that rests at
     `start`
     (7,) rad.
@@ -181,15 +181,15 @@ def suite(only: Sequence[str] = (), start: np.ndarray = READY) -> list[Segment]:
     plan: list[Segment] = []
     position = np.asarray(start, dtype=float)
     for name in sorted(chosen, key=tuple(_ALL).index):
-        segment = experiment(name)
+        segment = make_experiment(name)
         if not np.allclose(position, segment.positions[0], rtol=0.0, atol=1e-6):
-            plan.append(transfer(position, segment.positions[0]))
+            plan.append(make_transfer(position, segment.positions[0]))
         plan.append(segment)
         position = segment.positions[-1]
     return plan
 
 
-def transfer(start: np.ndarray, end: np.ndarray) -> Segment:
+def make_transfer(start: np.ndarray, end: np.ndarray) -> Segment:
     """A straight move in joint space, rest to rest, between two positions (7,) rad."""
     duration = max(SHORTEST_TRANSFER, 1.875 * float(np.abs(end - start).max()) / TRANSFER_SPEED)
     times = np.linspace(0.0, duration, int(np.ceil(duration * 25)) + 1)
@@ -199,7 +199,7 @@ def transfer(start: np.ndarray, end: np.ndarray) -> Segment:
     )
 
 
-def schedule(plan: Sequence[Segment], begin: int = 0) -> list[int]:
+def schedule_starts(plan: Sequence[Segment], begin: int = 0) -> list[int]:
     """Stamps, ns, of the policy ticks at which the segments start, the first at or after `begin` + PAUSE."""
     starts, free = [], begin
     for segment in plan:
@@ -209,7 +209,7 @@ def schedule(plan: Sequence[Segment], begin: int = 0) -> list[int]:
     return starts
 
 
-def end_of(plan: Sequence[Segment], begin: int = 0) -> int:
+def end_stamp(plan: Sequence[Segment], begin: int = 0) -> int:
     """Stamp, ns, of the policy tick at which the arm rests after the plan."""
-    last = schedule(plan, begin)[-1] + round(plan[-1].duration * 1e9)
+    last = schedule_starts(plan, begin)[-1] + round(plan[-1].duration * 1e9)
     return -(-(last + round(PAUSE * 1e9)) // TICK_NS) * TICK_NS

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2real.arm.at_samples import RigidAtSamples
 from sim2real.arm.model import Arm
-from sim2real.arm.stages import Prediction, drive, predict
+from sim2real.arm.nominal_prediction import Prediction, make_drive, predict_torques
+from sim2real.arm.sampled_dynamics import SampledDynamics
 from sim2real.effects.evidence import Context, Drive, Transmission
 from sim2real.effects.recurrences import play_operator
 from sim2real.effects.sensing.encoder_quantisation import find_quantum
 from sim2real.effects.timing.packet_loss import find_lost_packets
-from sim2real.recordings.signals import Log, Samples, sample
+from sim2real.recordings.signals import Log, Samples, sample_logs
 from sim2real.thresholds import THRESHOLDS
 
 HINTS = THRESHOLDS.hints
@@ -27,16 +27,18 @@ def make_context(logs: list[Log], arm: Arm, reference: int = 0, constant: np.nda
 
     Raises ValueError where the logs are too short.
     """
-    samples = sample(logs, all(log.commands is not None for log in logs))
-    prediction = predict(samples, arm)
-    driven = drive(logs, arm, reference)
-    held, share, error, set_aside = (None, 0.0, 0.0, None) if driven is None else lost_since(driven, reference)
+    samples = sample_logs(logs, all(log.commands is not None for log in logs))
+    prediction = predict_torques(samples, arm)
+    driven = make_drive(logs, arm, reference)
+    held, share, error, set_aside = (
+        (None, 0.0, 0.0, None) if driven is None else find_packets_lost_since(driven, reference)
+    )
     return Context(
         arm,
         logs,
         samples,
         prediction,
-        RigidAtSamples(arm, samples, prediction),
+        SampledDynamics(arm, samples, prediction),
         driven,
         _transmission(logs, samples, prediction),
         _ripples(samples, prediction),
@@ -50,7 +52,7 @@ def make_context(logs: list[Log], arm: Arm, reference: int = 0, constant: np.nda
     )
 
 
-def lost_since(driven: Drive, reference: int) -> tuple[np.ndarray, float, float, np.ndarray | None]:
+def find_packets_lost_since(driven: Drive, reference: int) -> tuple[np.ndarray, float, float, np.ndarray | None]:
     """(held, held_share, held_error, set_aside) of `Context`."""
     found = find_lost_packets(driven)
     if not reference:

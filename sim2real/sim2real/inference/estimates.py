@@ -1,4 +1,4 @@
-"""How large: values and 95 % intervals of an effect's parameters, its shape settled first."""
+"""How large: values and 95 % intervals of an effect's parameters, its nonlinear parameter refined first."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim2real.effects.regressor import EffectRegressor
-from sim2real.inference.averaging import spread
-from sim2real.inference.cells import Cell, make_cell
-from sim2real.inference.design import Candidate, Design
-from sim2real.inference.fit import fit, places
-from sim2real.inference.search import Model, Search, absorbed
+from sim2real.inference.fit import fit_parameters, parameter_indices
+from sim2real.inference.model_averaging import between_model_deviations
+from sim2real.inference.regression import Candidate, RegressionProblem
+from sim2real.inference.residual_cells import ResidualCell, make_cell
+from sim2real.inference.search import ModelSearch, ScoredModel, absorbed_by_nuisance
 from sim2real.thresholds import THRESHOLDS
 
 ESTIMATES, CURRENT = THRESHOLDS.estimates, THRESHOLDS.current
@@ -28,16 +28,16 @@ class Estimate:
 
 
 def estimate(
-    search: Search, model: Model, member: int, seed: int, refined: bool = True
+    search: ModelSearch, model: ScoredModel, member: int, seed: int, refined: bool = True
 ) -> tuple[EffectRegressor, dict[str, Estimate]]:
-    """(the effect with its shape settled, parameters by name) of a member of a model."""
+    """(the effect with its nonlinear parameter refined, parameters by name) of a member of a model."""
     design = search.design
     candidate = design.candidates[member]
     joints, inside = next(g for g in search.groups(model.members) if member in g[1])
     ids = search.ids(joints, inside)
-    cells = [_narrow(cell, ids) for j in joints for cell in design.of(j)]
+    cells = [_narrow(cell, ids) for j in joints for cell in design.cells_of(j)]
     effect, width = candidate.effect, 0.0
-    if effect.shape is not None and refined:
+    if effect.nonlinear is not None and refined:
         effect, cells, width = _settle(design, cells, ids, candidate)
     key = (joints, inside, seed)
     if effect is not candidate.effect:
@@ -56,24 +56,24 @@ def estimate(
         p.name: Estimate(float(whole[i]), float(whole[i] - half[i]), float(whole[i] + half[i]), p.unit)
         for p, i in zip(effect.parameters, at)
     }
-    shape = effect.shape
-    if shape is not None and shape.linear:
+    nonlinear = effect.nonlinear
+    if nonlinear is not None and nonlinear.linear:
         share = found.pop(effect.parameters[0].name)
-        value, width = shape.value * share.value, shape.value * (share.high - share.value)
-        width = float(np.hypot(width, ESTIMATES.t95 * shape.background))
-        found[shape.name] = Estimate(value, value - width, value + width, shape.unit)
-    elif shape is not None:
+        value, width = nonlinear.value * share.value, nonlinear.value * (share.high - share.value)
+        width = float(np.hypot(width, ESTIMATES.t95 * nonlinear.background))
+        found[nonlinear.name] = Estimate(value, value - width, value + width, nonlinear.unit)
+    elif nonlinear is not None:
         found.pop("share", None)
-        width = float(np.hypot(np.hypot(width, ESTIMATES.t95 * shape.background), effect.model * shape.value))
-        value = float(shape.value)
-        found[shape.name] = Estimate(value, value - width, value + width, shape.unit)
+        width = float(np.hypot(np.hypot(width, ESTIMATES.t95 * nonlinear.background), effect.model * nonlinear.value))
+        value = float(nonlinear.value)
+        found[nonlinear.name] = Estimate(value, value - width, value + width, nonlinear.unit)
     if effect.absorbs:
-        extra = absorbed(design, ids, whole, effect)
+        extra = absorbed_by_nuisance(design, ids, whole, effect)
         found = {
             name: replace(e, value=e.value + extra, low=e.low + extra, high=e.high + extra) for name, e in found.items()
         }
     if refined:
-        unsure = spread(search, joints, inside, member, seed)
+        unsure = between_model_deviations(search, joints, inside, member, seed)
         found = {name: _widened(e, ESTIMATES.t95 * unsure.get(name, 0.0)) for name, e in found.items()}
     return effect, found
 
@@ -84,24 +84,26 @@ def _widened(one: Estimate, half: float) -> Estimate:
     return replace(one, low=float(one.value - low), high=float(one.value + high))
 
 
-def settled(search: Search, model: Model, member: int) -> EffectRegressor:
-    """The effect of a member of a model with its shape where the likelihood is greatest."""
+def refine_nonlinear_parameter(search: ModelSearch, model: ScoredModel, member: int) -> EffectRegressor:
+    """The effect of a member of a model with its nonlinear parameter where the likelihood is greatest."""
     design, candidate = search.design, search.design.candidates[member]
-    if candidate.effect.shape is None:
+    if candidate.effect.nonlinear is None:
         return candidate.effect
     joints, inside = next(g for g in search.groups(model.members) if member in g[1])
     ids = search.ids(joints, inside)
-    cells = [_narrow(cell, ids) for j in joints for cell in design.of(j)]
+    cells = [_narrow(cell, ids) for j in joints for cell in design.cells_of(j)]
     return _settle(design, cells, ids, candidate)[0]
 
 
-def _interval(cells: list[Cell], ids: np.ndarray, design: Design, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def _interval(
+    cells: list[ResidualCell], ids: np.ndarray, design: RegressionProblem, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
     """(values (p,), half widths (p,)): from all blocks; the wider of posterior and bootstrap of blocks."""
     blocks = len(design.blocks)
     rng = np.random.default_rng(seed)
     weights = rng.multinomial(blocks, np.full(blocks, 1 / blocks), ESTIMATES.bootstraps).astype(float)
     whole = _whole(cells, ids, design)
-    drawn = fit(
+    drawn = fit_parameters(
         cells,
         [np.tensordot(weights, c.test, 1) for c in cells],
         [weights @ c.test_rows for c in cells],
@@ -112,7 +114,7 @@ def _interval(cells: list[Cell], ids: np.ndarray, design: Design, seed: int) -> 
     return whole.parameters[0], ESTIMATES.t95 * np.maximum(drawn.parameters.std(axis=0), posterior)
 
 
-def _unweighed(design: Design, effect: EffectRegressor) -> np.ndarray:
+def _unweighed(design: RegressionProblem, effect: EffectRegressor) -> np.ndarray:
     """Half of a 95 % interval (p,), as a share of its value, of what a torque is known to that was made of a current."""
     if all(log.per_ampere is None for log in design.context.logs):
         return np.zeros(len(effect.parameters))
@@ -120,61 +122,66 @@ def _unweighed(design: Design, effect: EffectRegressor) -> np.ndarray:
     return ESTIMATES.t95 * CURRENT.known * np.array(is_force)
 
 
-def _narrow(cell: Cell, ids: np.ndarray) -> Cell:
+def _narrow(cell: ResidualCell, ids: np.ndarray) -> ResidualCell:
     """The cell with nothing but the columns of some parameters: the others cost more than all that is done here."""
-    own, _ = places(cell, ids)
+    own, _ = parameter_indices(cell, ids)
     order = np.append(own, len(cell.ids))
     sums = {name: getattr(cell, name)[:, order[:, None], order] for name in ("test", "held", "plain")}
     return replace(cell, ids=cell.ids[own], matrix=cell.matrix[:, own], **sums)
 
 
-def _settle(design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candidate):
+def _settle(design: RegressionProblem, cells: list[ResidualCell], ids: np.ndarray, candidate: Candidate):
     """(effect, cells with its columns, half width of the shape's interval) where the likelihood is greatest."""
     effect = candidate.effect
     best, best_cells = effect, cells
     level = _likelihood(cells, ids, design)
-    if effect.shape.linear:
+    if effect.nonlinear.linear:
         trail: list[tuple[float, float]] = []  # log of shape and of the share that the data want of it
         for _ in range(ESTIMATES.rounds):
             share = _value(best_cells, ids, design, candidate)
             if not ESTIMATES.shares[0] < share < ESTIMATES.shares[1] or abs(share - 1) < ESTIMATES.settled_share:
                 break
-            trail.append((np.log(best.shape.value), np.log(share)))
+            trail.append((np.log(best.nonlinear.value), np.log(share)))
             slope = -1.0
             if len(trail) > 1 and trail[-1][0] != trail[-2][0]:
                 slope = (trail[-1][1] - trail[-2][1]) / (trail[-1][0] - trail[-2][0])
             step = -trail[-1][1] / min(slope, ESTIMATES.slope)
-            best = best.shape.rebuild(
-                best.shape.value * float(np.exp(np.clip(step, -ESTIMATES.longest_step, ESTIMATES.longest_step)))
+            best = best.nonlinear.rebuild(
+                best.nonlinear.value * float(np.exp(np.clip(step, -ESTIMATES.longest_step, ESTIMATES.longest_step)))
             )
-            best_cells = with_effect(design, cells, candidate, best)
+            best_cells = replace_regressor(design, cells, candidate, best)
         return best, best_cells, 0.0
     step = ESTIMATES.first_step
-    trace = {effect.shape.value: level}
+    trace = {effect.nonlinear.value: level}
     for _ in range(ESTIMATES.steps):
-        value = best.shape.value
+        value = best.nonlinear.value
         for other in (value * (1 - step), value * (1 + step)):
-            trial = best.shape.rebuild(other)
-            changed = with_effect(design, cells, candidate, trial)
+            trial = best.nonlinear.rebuild(other)
+            changed = replace_regressor(design, cells, candidate, trial)
             trace[other] = _likelihood(changed, ids, design)
             if trace[other] > level:
                 best, best_cells, level = trial, changed, trace[other]
-        step *= ESTIMATES.narrowing if best.shape.value == value else 1.0
-    return best, best_cells, _width(best.shape.value, level, trace)
+        step *= ESTIMATES.narrowing if best.nonlinear.value == value else 1.0
+    return best, best_cells, _width(best.nonlinear.value, level, trace)
 
 
 def _shift(
-    design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candidate, effect: EffectRegressor, width: float
+    design: RegressionProblem,
+    cells: list[ResidualCell],
+    ids: np.ndarray,
+    candidate: Candidate,
+    effect: EffectRegressor,
+    width: float,
 ) -> np.ndarray:
     """By how much the parameters (p,) move while the shape moves over its half width.
 
     The intervals of `_interval` hold for one shape. Where a stroke and a stiffness wind up nearly the same torque,
     each is as uncertain as the other makes it.
     """
-    value = effect.shape.value
+    value = effect.nonlinear.value
     ends = max(value - width, ESTIMATES.smallest_shape * value), value + width
     low, high = (
-        _whole(with_effect(design, cells, candidate, effect.shape.rebuild(end)), ids, design).parameters[0]
+        _whole(replace_regressor(design, cells, candidate, effect.nonlinear.rebuild(end)), ids, design).parameters[0]
         for end in ends
     )
     return (high - low) * width / (ends[1] - ends[0])
@@ -189,23 +196,27 @@ def _width(value: float, level: float, trace: dict[float, float]) -> float:
     return float(min(np.sqrt(2 * ESTIMATES.interval_fall) / np.sqrt(max(curvature, 1e-30)), abs(value)))
 
 
-def _value(cells: list[Cell], ids: np.ndarray, design: Design, candidate: Candidate) -> float:
+def _value(cells: list[ResidualCell], ids: np.ndarray, design: RegressionProblem, candidate: Candidate) -> float:
     whole = _whole(cells, ids, design)
     return float(whole.parameters[0][np.flatnonzero(ids == candidate.ids[0])[0]])
 
 
-def _whole(cells: list[Cell], ids: np.ndarray, design: Design):
-    return fit(cells, [c.total[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids, design.parameters)
+def _whole(cells: list[ResidualCell], ids: np.ndarray, design: RegressionProblem):
+    return fit_parameters(
+        cells, [c.total[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids, design.parameters
+    )
 
 
-def _likelihood(cells: list[Cell], ids: np.ndarray, design: Design) -> float:
+def _likelihood(cells: list[ResidualCell], ids: np.ndarray, design: RegressionProblem) -> float:
     """Log likelihood at the fit to everything, nats."""
     whole = _whole(cells, ids, design)
     return float(sum(-0.5 * c.test_rows.sum() * np.log(v[0]) for c, v in zip(cells, whole.variance)))
 
 
-def with_effect(design: Design, cells: list[Cell], candidate: Candidate, effect: EffectRegressor) -> list[Cell]:
-    """The cells with the columns of another shape of the candidate's effect, whitened as before."""
+def replace_regressor(
+    design: RegressionProblem, cells: list[ResidualCell], candidate: Candidate, effect: EffectRegressor
+) -> list[ResidualCell]:
+    """The cells with the columns of another nonlinear parameter of the candidate's effect, whitened as before."""
     stages, changed = design.stages, []
     for cell in cells:
         places = np.flatnonzero(np.isin(cell.ids, candidate.ids))

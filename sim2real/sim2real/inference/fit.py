@@ -8,18 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim2real.effects.regressor import Parameter
-from sim2real.inference.arrow import Arrow, Inverse, Shape, Solution
-from sim2real.inference.cells import Cell
+from sim2real.inference.block_arrow import BlockArrowInverse, BlockArrowSolution, BlockArrowStructure, BlockArrowSystem
+from sim2real.inference.residual_cells import ResidualCell
 from sim2real.thresholds import THRESHOLDS
 
 FIT = THRESHOLDS.fit
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class ParameterFit:
     """m fits of p parameters: parameters (m, p), covariance (m, p, p), variance (cells, m) of one row.
 
-    `score` keeps no covariance, which of all joints together is ten megabytes a model.
+    `score_held_out` keeps no covariance, which of all joints together is ten megabytes a model.
     """
 
     parameters: np.ndarray
@@ -28,14 +28,14 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class Score:
+class HeldOutScore:
     """Held-out result: log predictive density (m,) of each block, all cells; the fits."""
 
     density: np.ndarray
-    fit: Fit
+    fit: ParameterFit
 
 
-def places(cell: Cell, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def parameter_indices(cell: ResidualCell, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(columns of the cell, their places in ids) of those parameters that show in it."""
     if not len(ids) or not len(cell.ids):
         return np.zeros(0, int), np.zeros(0, int)
@@ -46,31 +46,31 @@ def places(cell: Cell, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return columns, found[columns]
 
 
-def part(gram: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def sub_gram(gram: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Gram matrices (m, k + 1, k + 1) of the residual and some columns, in this order."""
     chosen = np.concatenate([[gram.shape[-1] - 1], columns])
     return gram[:, chosen[:, None], chosen]
 
 
-def remaining(gram: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Squared residual (..., m) after columns @ values (..., m, k); gram (..., m, k + 1, k + 1) of `part`."""
+def residual_sum_of_squares(gram: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Squared residual (..., m) after columns @ values (..., m, k); gram (..., m, k + 1, k + 1) of `sub_gram`."""
     factors = np.concatenate([np.ones((*values.shape[:-1], 1)), -values], axis=-1)
     left = (np.matmul(gram, factors[..., None])[..., 0] * factors).sum(axis=-1)
     return np.maximum(left, 0.0)
 
 
-def fit(
-    cells: Sequence[Cell],
+def fit_parameters(
+    cells: Sequence[ResidualCell],
     grams: Sequence[np.ndarray],
     rows: Sequence[np.ndarray],
     ids: np.ndarray,
     parameters: Sequence[Parameter],
-) -> Fit:
+) -> ParameterFit:
     """Posterior mode within the bounds for each of the m sums; grams, rows: of each cell, (m, ...) and (m,)."""
-    where = [places(cell, ids) for cell in cells]
-    needed = _padded([part(gram, columns) for gram, (columns, _) in zip(grams, where)])
+    where = [parameter_indices(cell, ids) for cell in cells]
+    needed = _padded([sub_gram(gram, columns) for gram, (columns, _) in zip(grams, where)])
     found = _fit(cells, [at for _, at in where], needed, np.array(rows), [parameters[i] for i in ids])
-    return Fit(found.parameters, found.inverse.whole(), found.variance)
+    return ParameterFit(found.parameters, found.inverse.dense(), found.variance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class _Solved:
     """A fit whose covariance is not written out; local: of each cell's parameters, the places in its joint's part of it."""
 
     parameters: np.ndarray
-    inverse: Inverse
+    inverse: BlockArrowInverse
     local: list[np.ndarray]
     variance: np.ndarray
 
@@ -93,7 +93,7 @@ def _padded(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _fit(
-    cells: Sequence[Cell],
+    cells: Sequence[ResidualCell],
     where: Sequence[np.ndarray],
     grams: np.ndarray,
     rows: np.ndarray,
@@ -111,11 +111,11 @@ def _fit(
     rows = np.maximum(rows, 1.0)
     spare = np.maximum(rows - np.array([[len(own)] for own in where]), 1.0)
     variance = np.maximum(grams[:, :, 0, 0] / rows, FIT.variance)
-    shape = Shape.of([cell.joint for cell in cells], where, size)
-    local = [shape.places(cell.joint, own) for cell, own in zip(cells, where)]
+    shape = BlockArrowStructure.from_members([cell.joint for cell in cells], where, size)
+    local = [shape.local_indices(cell.joint, own) for cell, own in zip(cells, where)]
     stacked = _stacked(shape, [cell.joint for cell in cells], local, grams)
     for number in range(FIT.passes):
-        normal, moment = Arrow.diagonal(shape, count, prior**-2), np.tile(centre * prior**-2, (count, 1))
+        normal, moment = BlockArrowSystem.diagonal(shape, count, prior**-2), np.tile(centre * prior**-2, (count, 1))
         for joint, (mine, equations) in stacked.items():
             block, border = shape.blocks[joint], shape.border
             width = len(block) + len(border)
@@ -125,7 +125,7 @@ def _fit(
             moment[:, border] += sums[:, 0, len(block) :]
         if number == FIT.passes - 1:
             inverse = normal.inverse()
-            solution = inverse.times(moment)
+            solution = inverse.multiply(moment)
         else:
             solution = normal.solve(moment)
         solved = solution.values
@@ -133,12 +133,12 @@ def _fit(
         if outside.any():
             solved = _bounded(normal, moment, solution, lower, upper, outside)
         values = np.concatenate([solved, np.zeros((count, 1))], axis=1)[:, at].transpose(1, 0, 2)
-        variance = np.maximum(remaining(grams, values) / spare, FIT.variance)
+        variance = np.maximum(residual_sum_of_squares(grams, values) / spare, FIT.variance)
     return _Solved(solved, inverse, local, variance)
 
 
 def _stacked(
-    shape: Shape, joints: Sequence[int], local: Sequence[np.ndarray], grams: np.ndarray
+    shape: BlockArrowStructure, joints: Sequence[int], local: Sequence[np.ndarray], grams: np.ndarray
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Of each joint the numbers (c,) of its cells and, one below the other, their moments and normal equations
     (m, c, (k + 1) k) in the order of its block and the border: a pass over them is one product."""
@@ -155,46 +155,47 @@ def _stacked(
     return found
 
 
-def score(cells: Sequence[Cell], ids: np.ndarray, parameters: Sequence[Parameter]) -> Score:
+def score_held_out(cells: Sequence[ResidualCell], ids: np.ndarray, parameters: Sequence[Parameter]) -> HeldOutScore:
     """Fit without each block and its surroundings, and predict the block."""
-    where = [places(cell, ids) for cell in cells]
+    where = [parameter_indices(cell, ids) for cell in cells]
     parts = [cell.parts(columns) for cell, (columns, _) in zip(cells, where)]
     train, test = (_padded([p[side] for p in parts]) for side in (0, 1))
     rows = np.array([cell.test_rows.sum() - cell.held_rows for cell in cells])
     fitted = _fit(cells, [at for _, at in where], train, rows, [parameters[i] for i in ids])
-    covariance = {joint: fitted.inverse.part(joint) for joint in {cell.joint for cell in cells}}
+    covariance = {joint: fitted.inverse.block(joint) for joint in {cell.joint for cell in cells}}
     spread, squares = np.zeros(rows.shape), np.zeros(rows.shape)
     for n, (cell, (_, at), local) in enumerate(zip(cells, where, fitted.local)):
         own = test[n, :, : len(at) + 1, : len(at) + 1]
-        squares[n] = remaining(own, fitted.parameters[:, at])
+        squares[n] = residual_sum_of_squares(own, fitted.parameters[:, at])
         if len(at):
             spread[n] = (own[:, 1:, 1:] * covariance[cell.joint][:, local[:, None], local]).sum(axis=(1, 2))
     rows = np.maximum(np.array([cell.test_rows for cell in cells]), 1)
     variance = fitted.variance + spread / rows
     density = -0.5 * rows * (np.log(2 * np.pi * variance) + squares / rows / variance)
-    return Score(
-        (density * np.array([cell.used for cell in cells])).sum(axis=0), Fit(fitted.parameters, None, fitted.variance)
+    return HeldOutScore(
+        (density * np.array([cell.used for cell in cells])).sum(axis=0),
+        ParameterFit(fitted.parameters, None, fitted.variance),
     )
 
 
-def energy(cell: Cell, ids: np.ndarray, fit: Fit) -> float:
-    """Sum of squares of `held_out` over the rows that count, from the cell's Gram matrices."""
-    columns, at = places(cell, ids)
-    return float(remaining(part(cell.plain, columns), fit.parameters[:, at]).sum() + cell.outside)
+def held_out_energy(cell: ResidualCell, ids: np.ndarray, fit: ParameterFit) -> float:
+    """Sum of squares of `predict_held_out_residual` over the rows that count, from the cell's Gram matrices."""
+    columns, at = parameter_indices(cell, ids)
+    return float(residual_sum_of_squares(sub_gram(cell.plain, columns), fit.parameters[:, at]).sum() + cell.outside)
 
 
-def held_out(cell: Cell, ids: np.ndarray, fit: Fit) -> np.ndarray:
+def predict_held_out_residual(cell: ResidualCell, ids: np.ndarray, fit: ParameterFit) -> np.ndarray:
     """Residual (n,) of a cell that a fit leaves of blocks it has not seen; the residual itself outside of blocks."""
-    columns, at = places(cell, ids)
+    columns, at = parameter_indices(cell, ids)
     values = np.where((cell.block >= 0)[:, None], fit.parameters[np.maximum(cell.block, 0)][:, at], 0.0)
     return cell.residual - sum((cell.matrix[:, k] * values[:, n] for n, k in enumerate(columns)), 0.0)
 
 
-def _bounded(normal: Arrow, moment, solution: Solution, lower, upper, outside) -> np.ndarray:
+def _bounded(normal: BlockArrowSystem, moment, solution: BlockArrowSolution, lower, upper, outside) -> np.ndarray:
     """Least squares in a box: what leaves it is held at its side, and the rest is solved again, twice."""
     rows = np.flatnonzero(outside.any(axis=1))
     outside, inside = outside[rows], solution.values[rows]
-    held, diagonal = np.zeros_like(outside), normal.on_diagonal(rows)
+    held, diagonal = np.zeros_like(outside), normal.diagonals(rows)
     for _ in range(FIT.bound_passes):
         held |= outside
         side = np.clip(inside, lower, upper)

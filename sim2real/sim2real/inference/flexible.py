@@ -15,7 +15,7 @@ from sim2real.thresholds import THRESHOLDS
 OMNIBUS = THRESHOLDS.omnibus
 
 
-def flexible(context: Context, stage: Stage, joint: int, expected: bool = False) -> np.ndarray:
+def flexible_columns(context: Context, stage: Stage, joint: int, expected: bool = False) -> np.ndarray:
     """Columns (n, count) of the flexible model at a stage of a joint; of the transmission, none.
 
     expected: with the torque that the nominal arm or law would have, in place of that recorded. The recorded one holds the

@@ -13,8 +13,8 @@ import numpy as np
 
 from sim2real.effects.stage import Stage
 from sim2real.effects.timing.command_delay import USUAL
-from sim2real.inference.design import Design
-from sim2real.inference.fit import fit
+from sim2real.inference.fit import fit_parameters
+from sim2real.inference.regression import RegressionProblem
 from sim2real.thresholds import THRESHOLDS
 
 DELAY = THRESHOLDS.loop_delay
@@ -25,7 +25,7 @@ SPREAD = {"command_delay": DELAY.command_spread, "motion_delay": DELAY.motion_sp
 BESIDE = ("packet_loss", "torque_scale", "torque_offset")  # effects that a delay is told from
 
 
-def settle_delay(design: Design) -> Design:
+def estimate_loop_delay(design: RegressionProblem) -> RegressionProblem:
     """The design with the prior of all delays about what this loop has. As it is without commands, and for the change between
     two recordings, of which no delay is usual."""
     if design.context.drive is None or design.context.reference:
@@ -39,11 +39,11 @@ def settle_delay(design: Design) -> Design:
     return replace(design, parameters=settled)
 
 
-def loop_delay(design: Design) -> float:
+def loop_delay(design: RegressionProblem) -> float:
     """Delay s of measured against commanded torque: the median over the joints."""
     found = []
     for joint in range(len(design.context.arm)):
-        cell = next(c for c in design.of(joint) if c.stage is Stage.DRIVE)
+        cell = next(c for c in design.cells_of(joint) if c.stage is Stage.DRIVE)
         delay = next(i for i in design.nuisances[joint] if design.parameters[i].name == "command_delay")
         beside = [
             c.ids
@@ -55,5 +55,7 @@ def loop_delay(design: Design) -> float:
             wide[delay], lower=-DELAY.prior, upper=DELAY.longest * DELAY.prior, prior=DELAY.prior, centre=0.0
         )
         ids = np.concatenate([[delay], *beside])
-        found.append(fit([cell], [cell.total[None]], [cell.test_rows.sum()[None]], ids, wide).parameters[0, 0])
+        found.append(
+            fit_parameters([cell], [cell.total[None]], [cell.test_rows.sum()[None]], ids, wide).parameters[0, 0]
+        )
     return float(np.median(found))

@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim2real.arm.rigid import felt_inertia
-from sim2real.arm.stages import slides
+from sim2real.arm.nominal_prediction import is_sliding
+from sim2real.arm.rigid_body import drive_inertia
 from sim2real.effects.evidence import Context
 from sim2real.effects.recurrences import bristle_deflection, smooth_sign
 from sim2real.effects.regressor import Parameter
@@ -61,8 +61,8 @@ _LEVELS = (
 _LOOSE = Parameter("motion_delay", "s", -0.01, 0.01, NUISANCES.loose_delay_spread)
 
 
-def parameters(context: Context, stage: Stage, joint: int) -> tuple[Parameter, ...]:
-    """The nuisance parameters of one stage of one joint, in the order of `columns`."""
+def nuisance_parameters(context: Context, stage: Stage, joint: int) -> tuple[Parameter, ...]:
+    """The nuisance parameters of one stage of one joint, in the order of `nuisance_columns`."""
     if stage is Stage.DRIVE:
         return (_DRIFTED[stage] if context.reference else _DELAYED[stage],)
     if stage is Stage.DYNAMICS:
@@ -81,8 +81,8 @@ def parameters(context: Context, stage: Stage, joint: int) -> tuple[Parameter, .
     return _NONE
 
 
-def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
-    """Columns (n, count) of the `parameters` of one stage of one joint."""
+def nuisance_columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
+    """Columns (n, count) of the `nuisance_parameters` of one stage of one joint."""
     c = context
     if stage is Stage.DYNAMICS:
         # After a reversal friction is late, and resists the acceleration less: it looks like less inertia.
@@ -138,7 +138,7 @@ def _uneven(context: Context, joint: int) -> np.ndarray:
 def _attenuation(context: Context, joint: int) -> float:
     """Inertia kg m^2 of a drive that the noise in a measured acceleration hides: the best prediction from a noisy
     regressor is by the share of noise in it too small (Fuller, Measurement Error Models, 1987)."""
-    felt = felt_inertia(context.arm, np.median(context.samples.position, axis=0))[joint]
-    moved = context.samples.acceleration[slides(context.samples, joint), joint]
+    felt = drive_inertia(context.arm, np.median(context.samples.position, axis=0))[joint]
+    moved = context.samples.acceleration[is_sliding(context.samples, joint), joint]
     noise = context.samples.shaking[joint] ** 2 / (np.mean(moved**2) if moved.size else 1.0)
     return float(felt * (NUISANCES.acceleration_error + min(noise, NUISANCES.noise_share)))

@@ -7,29 +7,29 @@ from dataclasses import replace
 import numpy as np
 
 from sim2real.effects import ARM_EFFECTS
-from sim2real.inference.design import Candidate, Design
-from sim2real.inference.search import Model, Search
+from sim2real.inference.regression import Candidate, RegressionProblem
+from sim2real.inference.search import ModelSearch, ScoredModel
 from sim2real.thresholds import THRESHOLDS
 
 RANKING = THRESHOLDS.ranking
 
 
-def probabilities(search: Search, seed: int) -> dict[tuple[str, str], float]:
+def effect_probabilities(search: ModelSearch, seed: int) -> dict[tuple[str, str], float]:
     """(effect id, component) -> probability: pseudo-BMA+ (Yao et al., Bayesian Analysis 2018), weights from the
     log predictive density averaged over the Bayesian bootstrap of the blocks."""
     ranked = sorted(search.tried.values(), key=search.value, reverse=True)[: RANKING.leaders]
     density = np.array([s.density for s in ranked])
     prior = np.array([search.value(s) - s.density.sum() for s in ranked])
-    weight = weigh(density, prior, seed)
+    weight = pseudo_bma_weights(density, prior, seed)
     joints, found = search.design.context.arm.joints, {}
     for model, share in zip(ranked, weight):
-        names = {(c.effect.id, c.at(joints)) for c in (search.design.candidates[m] for m in model.members)}
+        names = {(c.effect.id, c.component(joints)) for c in (search.design.candidates[m] for m in model.members)}
         for name in sorted(names):  # equally probable ones keep an order that does not depend on hashes
             found[name] = min(1.0, found.get(name, 0.0) + float(share))
     return found
 
 
-def weigh(density: np.ndarray, prior: np.ndarray, seed: int) -> np.ndarray:
+def pseudo_bma_weights(density: np.ndarray, prior: np.ndarray, seed: int) -> np.ndarray:
     """Pseudo-BMA+ weights (s,) of models with log predictive densities (s, m) of blocks and log priors (s,)."""
     rng = np.random.default_rng(seed)
     weights = rng.dirichlet(np.ones(density.shape[1]), RANKING.draws) * density.shape[1]
@@ -38,18 +38,18 @@ def weigh(density: np.ndarray, prior: np.ndarray, seed: int) -> np.ndarray:
     return (shares / shares.sum(axis=1, keepdims=True)).mean(axis=0)
 
 
-def alternatives(search: Search, chosen: Model, member: int) -> tuple[str, ...]:
+def find_competing_effects(search: ModelSearch, chosen: ScoredModel, member: int) -> tuple[str, ...]:
     """Ids of effects that could stand in a chosen one's place without predicting clearly worse."""
     design, found = search.design, set()
     mine = design.candidates[member]
     others = tuple(m for m in chosen.members if m != member)
     taken = {(design.candidates[m].effect.id, design.candidates[m].joint) for m in chosen.members}
-    for n in search.promising(search.model(others), THRESHOLDS.search.tried):
+    for n in search.rank_candidates(search.model(others), THRESHOLDS.search.tried):
         candidate = design.candidates[n]
         same_place = candidate.joint == mine.joint or candidate.joint is None or mine.joint is None
         if not same_place or (candidate.effect.id, candidate.joint) in taken or candidate.effect.id == mine.effect.id:
             continue
-        if candidate.joint is None and not search.reach(candidate):
+        if candidate.joint is None and not search.joints_affected(candidate):
             continue
         other = search.model((*others, n))
         if search.is_negligible(other, n):
@@ -61,7 +61,7 @@ def alternatives(search: Search, chosen: Model, member: int) -> tuple[str, ...]:
     return tuple(sorted(found))
 
 
-def generalisations(search: Search, member: int) -> tuple[str, ...]:
+def find_generalisations(search: ModelSearch, member: int) -> tuple[str, ...]:
     """Ids of effects at a member's place of which the member is a special case.
 
     Asymmetric friction, for one, is plain friction where its two levels are equal. Such effects do not contradict it; what
@@ -72,13 +72,13 @@ def generalisations(search: Search, member: int) -> tuple[str, ...]:
     for other in design.candidates:
         at_place = other.joint == mine.joint and other.effect.component == mine.effect.component
         has_more = len(other.ids) > len(mine.ids) and other.effect.id != mine.effect.id
-        if at_place and has_more and spans(design, other, mine):
+        if at_place and has_more and is_in_column_space(design, other, mine):
             name = other.effect.id
             larger[name] = larger.get(name, False) or _is_another_cause(design, other, mine)
     return tuple(sorted(name for name, is_other in larger.items() if not is_other))
 
 
-def _is_another_cause(design: Design, larger: Candidate, mine: Candidate) -> bool:
+def _is_another_cause(design: RegressionProblem, larger: Candidate, mine: Candidate) -> bool:
     """Whether an effect that says what a smaller one does is a cause elsewhere: of another module, with all of its parameters.
 
     Friction with equal and opposite levels is the torque of an offset, and a fault of the joint, not of its drive. A cable
@@ -87,10 +87,10 @@ def _is_another_cause(design: Design, larger: Candidate, mine: Candidate) -> boo
     if ARM_EFFECTS[larger.effect.id].module == ARM_EFFECTS[mine.effect.id].module:
         return False
     fewer = (replace(larger, ids=np.delete(larger.ids, k)) for k in range(len(larger.ids)))
-    return not any(spans(design, one, mine) for one in fewer)
+    return not any(is_in_column_space(design, one, mine) for one in fewer)
 
 
-def spans(design: Design, one: Candidate, other: Candidate) -> bool:
+def is_in_column_space(design: RegressionProblem, one: Candidate, other: Candidate) -> bool:
     """Whether the columns of one candidate span those of another in every cell in which those show."""
     for cell in design.cells:
         own, its = (np.flatnonzero(np.isin(cell.ids, c.ids)) for c in (one, other))

@@ -12,17 +12,17 @@ import numpy as np
 
 from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.regressor import EffectRegressor
-from sim2real.inference import screen
-from sim2real.inference.design import Candidate, Design
-from sim2real.inference.fit import Fit, Score, energy, places, score
-from sim2real.inference.visible import visible
+from sim2real.inference import screening as screen
+from sim2real.inference.fit import HeldOutScore, ParameterFit, held_out_energy, parameter_indices, score_held_out
+from sim2real.inference.noise_floor import noise_floor
+from sim2real.inference.regression import Candidate, RegressionProblem
 from sim2real.thresholds import THRESHOLDS
 
 SEARCH = THRESHOLDS.search
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class ScoredModel:
     """A set of candidates that competes with other sets.
 
     members: the candidates by number; density (m,): held-out log predictive density of each block, nats; penalty:
@@ -40,20 +40,20 @@ class Model:
 
 
 @dataclass(eq=False)
-class Search:
+class ModelSearch:
     """The models of a design, each scored when it is first asked for.
 
     tried: models by their members. intervals: (values, half widths) of the parameters of the groups that were
     estimated (`estimates.estimate`).
     """
 
-    design: Design
-    tried: dict[tuple[int, ...], Model] = field(default_factory=dict)
+    design: RegressionProblem
+    tried: dict[tuple[int, ...], ScoredModel] = field(default_factory=dict)
     intervals: dict[tuple, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
-    _groups: dict[tuple, tuple[Score, float]] = field(default_factory=dict)
+    _groups: dict[tuple, tuple[HeldOutScore, float]] = field(default_factory=dict)
     _reaches: dict[int, tuple[int, ...]] = field(default_factory=dict)
 
-    def model(self, members: tuple[int, ...]) -> Model:
+    def model(self, members: tuple[int, ...]) -> ScoredModel:
         """The model of these candidates by number, in any order."""
         members = tuple(sorted(members))
         if members not in self.tried:
@@ -61,17 +61,17 @@ class Search:
             for joints, inside in self.groups(members):
                 result, cost = self.group(joints, inside)
                 density, penalty = density + result.density, penalty + cost
-            self.tried[members] = Model(members, density, penalty)
+            self.tried[members] = ScoredModel(members, density, penalty)
         return self.tried[members]
 
-    def on(self, design: Design, changed: int) -> Search:
+    def with_regression(self, design: RegressionProblem, changed: int) -> ModelSearch:
         """A search of another design, which differs in the columns of one candidate only: scores without it are kept."""
-        return Search(design, _groups={k: v for k, v in self._groups.items() if changed not in k[1]})
+        return ModelSearch(design, _groups={k: v for k, v in self._groups.items() if changed not in k[1]})
 
     def groups(self, members: tuple[int, ...]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
         """(joints, members) of each group of joints that shares no parameter with the others."""
         chosen = [(m, self.design.candidates[m]) for m in members]
-        coupled = {j for _, c in chosen if c.joint is None for j in self.reach(c)}
+        coupled = {j for _, c in chosen if c.joint is None for j in self.joints_affected(c)}
         parts = []
         if coupled:
             parts.append((tuple(sorted(coupled)), tuple(m for m, c in chosen if c.joint is None or c.joint in coupled)))
@@ -80,14 +80,14 @@ class Search:
                 parts.append(((joint,), tuple(m for m, c in chosen if c.joint == joint)))
         return parts
 
-    def group(self, joints: tuple[int, ...], inside: tuple[int, ...]) -> tuple[Score, float]:
+    def group(self, joints: tuple[int, ...], inside: tuple[int, ...]) -> tuple[HeldOutScore, float]:
         """Score of some joints with these candidates, and the penalty of their nuisances, nats."""
         key = (joints, inside)
         if key not in self._groups:
             design = self.design
             ids = self.ids(joints, inside)
-            cells = [cell for j in joints for cell in design.of(j)]
-            result = score(cells, ids, design.parameters)
+            cells = [cell for j in joints for cell in design.cells_of(j)]
+            result = score_held_out(cells, ids, design.parameters)
             count = len(ids) - sum(len(design.candidates[m].ids) for m in inside)
             mean = np.median(result.fit.parameters[:, :count], axis=0)
             prior = np.array([design.parameters[i].prior for i in ids[:count]])
@@ -95,7 +95,7 @@ class Search:
             self._groups[key] = (result, float(0.5 * np.square((mean - centre) / prior).sum()))
         return self._groups[key]
 
-    def scored(self, joints: tuple[int, ...]) -> list[tuple[int, ...]]:
+    def scored_groups(self, joints: tuple[int, ...]) -> list[tuple[int, ...]]:
         """The candidates of each group of exactly these joints that has been scored."""
         return [inside for other, inside in self._groups if other == joints]
 
@@ -109,7 +109,7 @@ class Search:
         design = self.design
         return np.concatenate([*(design.nuisances[j] for j in joints), *(design.candidates[m].ids for m in inside)])
 
-    def reach(self, candidate: Candidate) -> tuple[int, ...]:
+    def joints_affected(self, candidate: Candidate) -> tuple[int, ...]:
         """The joints, by number, in which a candidate has a column that is not zero."""
         if id(candidate) in self._reaches:
             return self._reaches[id(candidate)]
@@ -127,11 +127,11 @@ class Search:
         count = len(self.design.candidates[number].ids)
         return -np.log(SEARCH.prior_candidates) - SEARCH.prior_parameter * (count - 1.0)
 
-    def value(self, model: Model) -> float:
+    def value(self, model: ScoredModel) -> float:
         """Held-out log predictive density of a model with its log prior, nats."""
         return model.total + sum(self.log_prior(m) for m in model.members)
 
-    def run(self, width: int = SEARCH.width, largest: int | None = None) -> Model:
+    def run(self, width: int = SEARCH.width, largest: int | None = None) -> ScoredModel:
         """Grow models effect by effect and return the chosen one: the simplest that no larger one beats clearly.
 
         width: models that are grown further while they are small; later only the best one is. largest: effects of
@@ -140,9 +140,9 @@ class Search:
         chosen = self.model(())
         front = [chosen]
         for size in range(1, (largest or SEARCH.per_joint * len(self.design.context.arm)) + 1):
-            grown: dict[tuple[int, ...], Model] = {}
+            grown: dict[tuple[int, ...], ScoredModel] = {}
             for parent in front:
-                for number in self.promising(parent, SEARCH.tried if size > 1 else SEARCH.first_tried):
+                for number in self.rank_candidates(parent, SEARCH.tried if size > 1 else SEARCH.first_tried):
                     if self._is_new(parent, number):
                         child = self.model((*parent.members, number))
                         grown[child.members] = child
@@ -156,18 +156,18 @@ class Search:
             best = ranked[0]
             near = [s for s in ranked[: SEARCH.tied * width] if self.value(s) > self.value(best) - SEARCH.tie]
             best = min(near, key=lambda s: (self._parameters(s), -self.value(s)))
-            if self.beats(best, chosen):
+            if self.predicts_better(best, chosen):
                 chosen = best
             elif len(chosen.members) < size - 1:
                 break
-        return self.pruned(chosen)
+        return self.prune(chosen)
 
-    def promising(self, parent: Model, count: int) -> list[int]:
+    def rank_candidates(self, parent: ScoredModel, count: int) -> list[int]:
         """Candidates whose addition would raise the likelihood most (`screen.gains`), best first: `count` of them, and of
         the empty model the best of each stage of each joint too, where it would be worth its prior: none is crowded out by
         what goes on elsewhere."""
         groups = self.groups(parent.members)
-        gains = screen.gains(self.design, [(j, self.ids(j, m), self.group(j, m)[0].fit) for j, m in groups])
+        gains = screen.likelihood_gains(self.design, [(j, self.ids(j, m), self.group(j, m)[0].fit) for j, m in groups])
         ranked = [int(n) for n in np.argsort(gains)[::-1]]
         found, seen = ranked[:count], set()
         for n in ranked if not parent.members else ():
@@ -180,7 +180,7 @@ class Search:
             seen |= places
         return found
 
-    def beats(self, one: Model, other: Model) -> bool:
+    def predicts_better(self, one: ScoredModel, other: ScoredModel) -> bool:
         """Whether `one` predicts unseen blocks clearly better than `other`.
 
         Its gain must exceed what the log priors ask for, be sure (many standard errors over the blocks), and come
@@ -193,7 +193,7 @@ class Search:
         is_sure = gain > SEARCH.gain_errors * error or gain > SEARCH.sure_gain
         return is_sure and gain + extra > SEARCH.gain and self.is_material(one, other)
 
-    def is_material(self, one: Model, other: Model) -> bool:
+    def is_material(self, one: ScoredModel, other: ScoredModel) -> bool:
         """Whether a residual falls by an amount that matters, by effects none of which is negligible."""
         new = [m for m in one.members if m not in other.members]
         if any(self.is_negligible(one, m) for m in new):
@@ -208,42 +208,42 @@ class Search:
             key = cell.stage, cell.joint, cell.at_reversal and not is_pooled
             sums[key] = sums.get(key, 0.0) + np.array([old, left, max(cell.rows.sum(), 1)])
         for (stage, joint, _), (old, left, rows) in sums.items():
-            least = visible(self.design.context, stage, joint)
+            least = noise_floor(self.design.context, stage, joint)
             if old - left > acts * max(SEARCH.energy_share * old, least**2 * rows):
                 return True
         return False
 
-    def is_negligible(self, model: Model, member: int) -> bool:
+    def is_negligible(self, model: ScoredModel, member: int) -> bool:
         """Whether a member is so small that any arm has as much of it, or does nothing that matters at any stage."""
         ids, effect = self.design.candidates[member].ids, self.design.candidates[member].effect
-        shape = effect.shape
+        nonlinear = effect.nonlinear
         least = np.array([self.design.parameters[i].least for i in ids])
-        if shape is not None and shape.least:
-            least = least + shape.least / shape.value
+        if nonlinear is not None and nonlinear.least:
+            least = least + nonlinear.least / nonlinear.value
         joints, inside = next(g for g in self.groups(model.members) if member in g[1])
         group = self.ids(joints, inside)
         found = self.group(joints, inside)[0].fit.parameters.mean(axis=0)
         own = np.isin(group, ids)
-        values = found[own] + absorbed(self.design, group, found, effect)
+        values = found[own] + absorbed_by_nuisance(self.design, group, found, effect)
         return bool((np.abs(values) <= least).all()) or not self._is_visible(group[own], values, effect.acts)
 
     def _is_visible(self, ids: np.ndarray, values: np.ndarray, acts: float = 1.0) -> bool:
         """Whether parameters of these values do, by themselves and in the share `acts` of rows, anything that matters at any
         stage of any joint."""
         for cell in self.design.cells:
-            columns, at = places(cell, ids)
+            columns, at = parameter_indices(cell, ids)
             if len(columns):
                 done = values[at] @ cell.unwhitened[columns[:, None], columns] @ values[at]
-                if done > acts * visible(self.design.context, cell.stage, cell.joint) ** 2 * cell.test_rows.sum():
+                if done > acts * noise_floor(self.design.context, cell.stage, cell.joint) ** 2 * cell.test_rows.sum():
                     return True
         return False
 
     def energies(self, members: tuple[int, ...]) -> list[float]:
         """Sum of the squared held-out residuals of each cell, before whitening."""
-        fits = fits_of(self, members)
-        return [energy(cell, *fits[cell.joint]) for cell in self.design.cells]
+        fits = fits_by_joint(self, members)
+        return [held_out_energy(cell, *fits[cell.joint]) for cell in self.design.cells]
 
-    def _is_new(self, parent: Model, number: int) -> bool:
+    def _is_new(self, parent: ScoredModel, number: int) -> bool:
         mine = self.design.candidates[number]
         for m in parent.members:
             other = self.design.candidates[m]
@@ -255,12 +255,12 @@ class Search:
                 return False
         here = [self.design.candidates[m] for m in (*parent.members, number)]
         crowds = [sum(c.place == j for c in here) for j in range(len(self.design.context.arm))]
-        return max(crowds) <= SEARCH.per_joint and bool(mine.joint is not None or self.reach(mine))
+        return max(crowds) <= SEARCH.per_joint and bool(mine.joint is not None or self.joints_affected(mine))
 
-    def _parameters(self, model: Model) -> int:
+    def _parameters(self, model: ScoredModel) -> int:
         return sum(len(self.design.candidates[m].ids) + 1 for m in model.members)
 
-    def _may_replace(self, simpler: Model, chosen: Model) -> bool:
+    def _may_replace(self, simpler: ScoredModel, chosen: ScoredModel) -> bool:
         """Whether a simpler effect in another's place is either of the same module or about as probable.
 
         How little a residual changes says what a patch is worth, and between an effect and its own special case that decides
@@ -273,30 +273,32 @@ class Search:
         ]
         return modules[0] == modules[1] or self.value(simpler) > self.value(chosen) - SEARCH.tie
 
-    def pruned(self, chosen: Model) -> Model:
+    def prune(self, chosen: ScoredModel) -> ScoredModel:
         """The model without members that it does not need, and with simpler effects where those do as well."""
         for m in chosen.members:
             fewer = self.model(tuple(n for n in chosen.members if n != m))
-            if not self.beats(chosen, fewer):
-                return self.pruned(fewer)
+            if not self.predicts_better(chosen, fewer):
+                return self.prune(fewer)
             size = len(self.design.candidates[m].ids)
             simpler = {
                 n: self.model((*fewer.members, n))
-                for n in self.promising(fewer, SEARCH.tried)
+                for n in self.rank_candidates(fewer, SEARCH.tried)
                 if len(self.design.candidates[n].ids) < size and self._is_new(fewer, n)
             }
             # What any arm has explains nothing in another's place, however well it predicts.
             equals = [
                 s
                 for n, s in simpler.items()
-                if not self.beats(chosen, s) and self._may_replace(s, chosen) and not self.is_negligible(s, n)
+                if not self.predicts_better(chosen, s) and self._may_replace(s, chosen) and not self.is_negligible(s, n)
             ]
             if equals:
-                return self.pruned(max(equals, key=self.value))
+                return self.prune(max(equals, key=self.value))
         return chosen
 
 
-def absorbed(design: Design, ids: np.ndarray, values: np.ndarray, effect: EffectRegressor) -> float:
+def absorbed_by_nuisance(
+    design: RegressionProblem, ids: np.ndarray, values: np.ndarray, effect: EffectRegressor
+) -> float:
     """The part of an effect that its nuisance (`Signature.absorbs`) has taken up, on average over the joints.
 
     Of a delay of commands that is all of the nuisance; of a delay of states it is what the nuisance has beyond the
@@ -309,7 +311,7 @@ def absorbed(design: Design, ids: np.ndarray, values: np.ndarray, effect: Effect
     return float(np.mean(values[beside])) - known
 
 
-def fits_of(search: Search, members: tuple[int, ...]) -> dict[int, tuple[np.ndarray, Fit]]:
+def fits_by_joint(search: ModelSearch, members: tuple[int, ...]) -> dict[int, tuple[np.ndarray, ParameterFit]]:
     """Parameters, and their fit, of the group that each joint is in."""
     return {
         j: (search.ids(joints, inside), search.group(joints, inside)[0].fit)
@@ -318,7 +320,7 @@ def fits_of(search: Search, members: tuple[int, ...]) -> dict[int, tuple[np.ndar
     }
 
 
-def _distinct(ranked: list[Model], design: Design, width: int) -> list[Model]:
+def _distinct(ranked: list[ScoredModel], design: RegressionProblem, width: int) -> list[ScoredModel]:
     """The first `width` models, counting variants of the same effects at the same places once."""
     kept, seen = [], set()
     for model in ranked:

@@ -13,7 +13,7 @@ from sim2real.thresholds import THRESHOLDS
 RECORDINGS = THRESHOLDS.recordings
 
 
-def excerpts(logs: Sequence[Log], most: float = RECORDINGS.short) -> list[Log]:
+def cut_excerpts(logs: Sequence[Log], most: float = RECORDINGS.short) -> list[Log]:
     """Stretches of the logs, as logs of their own, of about `most` s in all; the logs themselves if they are no longer."""
     total = sum(log.duration for log in logs)
     if total <= most:

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
 from np_control.impedance import STIFFNESS_MAX, damping
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_record.bag import BagError, Recording
-from np_record.bulk import BulkError, decoded, joint_states
+from np_record.bulk import BulkError, decode_message, joint_states
 from np_record.recorded_phases import PHASE_TOPICS, phase_changes
 from sim2real.recordings.signals import Commands, Log
 from sim2real.thresholds import THRESHOLDS
@@ -44,12 +45,22 @@ def bag_violation(path: str | Path, error: Exception) -> ContractViolation:
     return ContractViolation(said if said.startswith(name) else f"{name}: {said}")
 
 
-def load_log(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
-    """A log of an arm's joints from a rosbag2 folder, or from an .npz file (`load_npz`). Raises ContractViolation."""
-    return load_npz(path, len(joints)) if Path(path).suffix == ".npz" else load_bag(path, joints)
+class HasJoints(Protocol):
+    """An arm: anything with names of joints, base to tip."""
+
+    joints: tuple[str, ...]
 
 
-def load_bag(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
+def load_log(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) -> Log:
+    """A log of an arm's joints, or of these, from a rosbag2 folder or an .npz file (`load_npz`). Raises ContractViolation."""
+    return load_npz(path, joints) if Path(path).suffix == ".npz" else load_bag(path, joints)
+
+
+def _names(joints: Sequence[str] | HasJoints) -> tuple[str, ...]:
+    return tuple(getattr(joints, "joints", joints))
+
+
+def load_bag(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) -> Log:
     """The joints of a rosbag2 recording. Its torques are without gravity. Raises ContractViolation.
 
     A measured torque is the mean of the period that ends at its stamp, a command acts in the one that begins
@@ -57,7 +68,8 @@ def load_bag(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
     arm's messages may name further joints, in any order, at any rate of `RECORDINGS.rates`. Its controller's law is replayed
     where `target_gains` are recorded.
     """
-    is_panda = tuple(joints) == JOINT_NAMES
+    joints = _names(joints)
+    is_panda = joints == JOINT_NAMES
     name = f"bag {Path(path)}"
     try:
         with Recording(path, required=("joint_states",)) as recording:
@@ -98,7 +110,7 @@ def _of_joints(name: str, topic: str, messages, joints: Sequence[str]) -> tuple[
     stamp, values = joint_states(name, topic, messages, None)
     if not messages:
         return stamp, np.zeros((0, 3, len(joints)))
-    named = list(decoded(f"{name}: {topic}", messages[0]).name)
+    named = list(decode_message(f"{name}: {topic}", messages[0]).name)
     missing = [joint for joint in joints if joint not in named]
     if missing:
         raise ContractViolation(f"{name}: {topic}: expected joints {', '.join(missing)}, got {', '.join(named)}")
@@ -107,7 +119,7 @@ def _of_joints(name: str, topic: str, messages, joints: Sequence[str]) -> tuple[
 
 def _gains(name: str, message, joints: int) -> tuple[int, np.ndarray]:
     """(stamp ns, rows stiffness and damping ratio (2, k))."""
-    numbers = np.asarray(decoded(f"{name}: target_gains", message).data, dtype=float)
+    numbers = np.asarray(decode_message(f"{name}: target_gains", message).data, dtype=float)
     if numbers.size != 2 * joints:
         raise ContractViolation(f"{name}: target_gains: expected 2 times {joints} numbers, got {numbers.size}")
     return message.stamp, numbers.reshape(2, joints)
@@ -152,7 +164,7 @@ def _motor(name, stamp, motor_stamp, motor, joints) -> np.ndarray | None:
     return angles
 
 
-def load_npz(path: str | Path, joints: int = len(JOINT_NAMES)) -> Log:
+def load_npz(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) -> Log:
     """Arrays of one of three kinds. Raises ContractViolation.
 
     Measured torque (libfranka's robot state): t_s (n,), q_rad, dq_rad_s, tau_J_Nm (n, k), torque with gravity;
@@ -161,7 +173,7 @@ def load_npz(path: str | Path, joints: int = len(JOINT_NAMES)) -> Log:
     des_dof_pos, des_dof_vel, des_dof_torque (n, k or more), kp, kd: the drive's own law kp e - kd dq is all the torque there
     is, gravity included.
     """
-    name = f"file {path}"
+    name, joints = f"file {path}", len(_names(joints))
     try:
         with np.load(path, allow_pickle=False) as file:
             content = {key: np.asarray(file[key], dtype=float) for key in file.files}

@@ -47,7 +47,7 @@ class Log:
     moments torque_time (n,) s. with_gravity: whether torque includes that which holds the arm.
     commands: what the controller asked for, None where not recorded. motor (n, k) rad: angle before the gear
     on the joint's side of the ratio, None where the backend has none. phases: (s, phase) of what began when. is_current:
-    whether `torque` is the motors' current in A as yet (`recordings.current`); per_ampere (k,) Nm/A: by which it has been
+    whether `torque` is the motors' current in A as yet (`recordings.motor_current`); per_ampere (k,) Nm/A: by which it has been
     made a torque, where that had to be estimated.
     """
 
@@ -141,7 +141,7 @@ class Samples:
         return np.concatenate(parts)
 
 
-def sample(logs: list[Log], commanded: bool = False) -> Samples:
+def sample_logs(logs: list[Log], commanded: bool = False) -> Samples:
     """Samples of logs, which must agree on gravity. commanded: of the commanded torque, which has no sensor's
     noise, instead of the measured one.
 

@@ -90,7 +90,7 @@ def _verdict(view: CameraDiagnosis) -> str:
     off = "" if view.off is None else f" ({view.off:.1f} px off)"
     seen = f"at {view.places} places corners are"
     if view.verdict == "unexplained":
-        return f"Nothing that the doctor knows explains where corners are seen{off}: {view.abstention_reason}."
+        return f"No known effect explains where corners are seen{off}: {view.abstention_reason}."
     if view.verdict == "undetermined":
         return f"The recording does not tell whether corners are where they should be{off}: {view.abstention_reason}."
     if view.verdict == "no_gap":

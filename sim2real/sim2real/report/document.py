@@ -9,32 +9,24 @@ from pathlib import Path
 
 import numpy as np
 
-from sim2real.checks.shrinkage import REGIMES, regimes
+from sim2real.checks.shrinkage import REGIMES, split_regimes
+from sim2real.consequences import Consequences
 from sim2real.diagnosis import Diagnosis
 from sim2real.effects import ARM_EFFECTS
-from sim2real.effects.patch import dump_patch
+from sim2real.effects.patch import Patch, dump_patch
 from sim2real.effects.stage import Stage
-from sim2real.excitation.ambiguity import open_question
 from sim2real.finding import Finding
-from sim2real.progress import Tell, silent
+from sim2real.progress import StageCallback, ignore_stage
 from sim2real.recordings.signals import Log
-from sim2real.report.notes import notes
-from sim2real.simulation.patching import make_patch, tried_patch
+from sim2real.report.notes import list_notes
 from sim2real.thresholds import THRESHOLDS
 
 
 def make_report(
-    diagnosis: Diagnosis,
-    logs: Sequence[Log],
-    runtime: float,
-    shots: dict | None = None,
-    experiment: dict | None = None,
-    forward: dict | None = None,
-    left_out: Sequence[str] = (),
+    diagnosis: Diagnosis, logs: Sequence[Log], runtime: float, consequences: Consequences | None = None
 ) -> dict:
-    """The report as a JSON object; shots, left_out: of `patching.tried_patch`; experiment: of
-    `power.next_experiment`; forward: of `refit.second_opinion`.
-    """
+    """The report as a JSON object; runtime: s."""
+    done = consequences or Consequences(Patch())
     gap, joints = diagnosis.gap, diagnosis.context.arm.joints
     return {
         "schema_version": 1,
@@ -64,11 +56,11 @@ def make_report(
                 for j, joint in enumerate(joints)
             },
             "worse": _worse(diagnosis),
-            "not_patched": list(left_out),
-            "closed_loop_rad": shots or {},
+            "not_patched": list(done.left_out),
+            "closed_loop_rad": done.closed_loop or {},
         },
-        "next_experiment": experiment,
-        "forward": forward,
+        "next_experiment": done.experiment,
+        "forward": done.refit,
         "data": {
             "bags": [log.name for log in logs],
             "reference": [log.name for log in diagnosis.context.logs[: diagnosis.context.reference]],
@@ -77,7 +69,7 @@ def make_report(
             "test_trajectories": len(diagnosis.design.blocks),
             "held_out": "each block of contiguous motion once, by a fit to the others at least 0.5 s away",
         },
-        "notes": notes(diagnosis, bool(shots)),
+        "notes": list_notes(diagnosis, bool(done.closed_loop)),
         "runtime_s": runtime,
     }
 
@@ -116,38 +108,25 @@ def where(diagnosis: Diagnosis) -> list[dict]:
     return [{"module": m, "component": c, "share": float(e / total)} for (m, c), e in ranked]
 
 
-def write(
+def write_report(
     out: Path,
     diagnosis: Diagnosis,
     logs: Sequence[Log],
-    runtime: Callable[[], float],
+    consequences: Consequences,
+    runtime: Callable[[], float] = lambda: 0.0,
     quick: bool = False,
-    tell: Tell = silent,
+    tell: StageCallback = ignore_stage,
 ) -> dict:
     """Write report.json, patch.yaml and report.html into `out`; returns the report.
 
-    runtime: s it has taken so far; quick: without closed loop, refit, next experiment, page, and the check against
-    the schema; tell: told which of the stages of `progress` begins. Raises ValueError as `to_json` does.
+    runtime: s it has taken so far; quick: without the page and the check against the schema; tell: called with the stage of
+    `progress` that begins. Raises ValueError as `to_json` does.
     """
-    experiment = forward = shots = None
-    patch, left_out = make_patch(diagnosis), ()
-    if not quick and not diagnosis.context.reference:  # what changed is not seen in a simulator of the nominal arm
-        # Simulators and planners take a second to import, which a quick look has not.
-        from sim2real.excitation.power import next_experiment
-        from sim2real.simulation.refit import second_opinion
-
-        tell("next experiment")
-        question = open_question(diagnosis)
-        experiment = next_experiment(diagnosis, question)
-        tell("the patch in the simulator")
-        patch, left_out, shots = tried_patch(diagnosis)
-        tell("refit in the simulator")
-        forward = second_opinion(diagnosis, question[1].models[1 : THRESHOLDS.refit.models] if question else ())
-    report = make_report(diagnosis, logs, round(runtime(), 2), shots, experiment, forward, left_out)
+    report = make_report(diagnosis, logs, round(runtime(), 2), consequences)
     text = to_json(report, quick)
     out.mkdir(parents=True, exist_ok=True)
     (out / "report.json").write_text(text, encoding="utf-8")
-    (out / "patch.yaml").write_text(dump_patch(patch, diagnosis.context.arm.name), encoding="utf-8")
+    (out / "patch.yaml").write_text(dump_patch(consequences.patch, diagnosis.context.arm.name), encoding="utf-8")
     if not quick:
         tell("page")
         from sim2real.report.page import render  # drawing is slow to import
@@ -194,7 +173,7 @@ def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | N
     reversing = np.zeros(samples.velocity.shape, bool)
     reversing[:, joint] = cells[turn].rows
     table = {}
-    for name, mask in regimes(samples.velocity, samples.acceleration, reversing).items():
+    for name, mask in split_regimes(samples.velocity, samples.acceleration, reversing).items():
         n = turn if name == "reversal" else slide
         rows = mask[:, joint] & cells[n].rows
         table[name] = (

@@ -10,7 +10,7 @@ from sim2real.diagnosis import Diagnosis
 RECORD = "ros2 run np_diagnosis excite --backend running --mode realtime"
 
 
-def next_steps(diagnosis: Diagnosis, folder: Path) -> list[tuple[str, str]]:
+def suggest_next_steps(diagnosis: Diagnosis, folder: Path) -> list[tuple[str, str]]:
     """(what it is for, command), in order; none where there is nothing to do, or no simulator of this arm. folder: of the report."""
     if diagnosis.verdict == "no_gap" or diagnosis.context.reference or diagnosis.context.arm.joints != NOMINAL.joints:
         return []

@@ -6,7 +6,7 @@ from np_description.panda import NOMINAL
 from sim2real.diagnosis import Diagnosis
 
 
-def notes(diagnosis: Diagnosis, tried: bool) -> list[str]:
+def list_notes(diagnosis: Diagnosis, tried: bool) -> list[str]:
     """Sentences; tried: whether the patch was tried in the closed loop."""
     context, found = diagnosis.context, []
     arm, constants = context.arm, next((log.per_ampere for log in context.logs if log.per_ampere is not None), None)

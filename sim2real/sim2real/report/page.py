@@ -8,7 +8,7 @@ from np_common.html_pages import page
 from sim2real.checks.shrinkage import REGIMES
 from sim2real.diagnosis import Diagnosis
 from sim2real.report import plots
-from sim2real.report.next_steps import next_steps
+from sim2real.report.next_steps import suggest_next_steps
 
 
 def render(report: dict, diagnosis: Diagnosis, folder: Path = Path("runs/report")) -> str:
@@ -23,7 +23,7 @@ def render(report: dict, diagnosis: Diagnosis, folder: Path = Path("runs/report"
         added=added,
         leads=[f for f in findings if not f.is_chosen and (f.effect.id, f.component) not in said],
         regimes=REGIMES,
-        steps=next_steps(diagnosis, folder),
+        steps=suggest_next_steps(diagnosis, folder),
         gap_plot=plots.gap_plot(diagnosis),
         residual_plot=plots.residual_plot(diagnosis),
         velocity_plot=plots.velocity_plot(diagnosis),

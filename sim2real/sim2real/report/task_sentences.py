@@ -28,7 +28,7 @@ def sentence(diagnosis: TaskDiagnosis) -> str:
     parts = []
     if unexplained:
         where, reason = " and ".join(one.module for one in unexplained), unexplained[0].abstention_reason
-        parts.append(f"Something at the {where} is off that the doctor has no word for: {reason}.")
+        parts.append(f"Something at the {where} is off that no known effect explains: {reason}.")
     if off:
         top = off[0]
         begin = (

@@ -20,15 +20,15 @@ from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.effect import ARM
 from sim2real.effects.patch import Patch, PatchEffect
 from sim2real.inference.estimates import Estimate, estimate
-from sim2real.inference.search import Model
-from sim2real.simulation.forward import Windows, departures, rms, windows
+from sim2real.inference.search import ScoredModel
+from sim2real.simulation.multiple_shooting import ShootingWindows, cut_windows, rms, simulate_departures
 from sim2real.thresholds import THRESHOLDS
 
 REFIT = THRESHOLDS.refit
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class RefittedEffect:
     """An effect to refit at its place: parameters as the torque domain has them, and numbers that stay."""
 
     effect: str
@@ -50,7 +50,7 @@ class Refit:
     held_out: numbers of windows.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[RefittedEffect, ...]
     values: tuple[Mapping[str, Estimate], ...]
     nominal: np.ndarray
     torque_domain: np.ndarray
@@ -59,26 +59,30 @@ class Refit:
     held_out: int
 
 
-def parts_of(diagnosis: Diagnosis, model: Model | None = None, seed: int = 0) -> tuple[Part, ...]:
+def effects_to_refit(
+    diagnosis: Diagnosis, model: ScoredModel | None = None, seed: int = 0
+) -> tuple[RefittedEffect, ...]:
     """What the chosen model, or another one, says. Joints that stay unexplained are left out."""
     joints = diagnosis.context.arm.joints
     unexplained = {joints[j] for j in diagnosis.unexplained}
     if model is None:
         return tuple(
-            Part(f.effect.id, f.component, f.parameters, f.effect.constants)
+            RefittedEffect(f.effect.id, f.component, f.parameters, f.effect.constants)
             for f in diagnosis.findings
             if f.is_chosen and f.component not in unexplained
         )
     found = []
     for m in model.members:
-        place = diagnosis.design.candidates[m].at(joints)
+        place = diagnosis.design.candidates[m].component(joints)
         if place not in unexplained:
             effect, values = estimate(diagnosis.search, model, m, seed, refined=False)
-            found.append(Part(effect.id, place, values, effect.constants))
+            found.append(RefittedEffect(effect.id, place, values, effect.constants))
     return tuple(found)
 
 
-def refit(recorded: Windows, parts: Sequence[Part], delay: float = THRESHOLDS.nuisances.delay) -> Refit | None:
+def refit(
+    recorded: ShootingWindows, parts: Sequence[RefittedEffect], delay: float = THRESHOLDS.nuisances.delay
+) -> Refit | None:
     """The parts refitted together; None where the simulator carries none of them.
 
     delay: s that the loop has, about. Raises FloatingPointError where the simulation diverges at the start.
@@ -108,7 +112,7 @@ def refit(recorded: Windows, parts: Sequence[Part], delay: float = THRESHOLDS.nu
         prior[-1] = 1.0  # in units of its scale
     for _ in range(REFIT.rounds):
         trials = [x, *(x + row for row in np.diag(scale))]
-        errors = departures(fitted, [patch(values) for values in trials])
+        errors = simulate_departures(fitted, [patch(values) for values in trials])
         spread = np.maximum(rms(errors[0]), REFIT.finest)
         residual = errors[0] / spread
         slope = np.moveaxis(errors[1:] - errors[0], 0, -1) / spread[:, None]  # (W, samples, 7, p)
@@ -123,7 +127,7 @@ def refit(recorded: Windows, parts: Sequence[Part], delay: float = THRESHOLDS.nu
     few = len(fitted) / max(len(fitted) - len(x), 1)
     covariance = inverse @ (few * pull.T @ pull + np.diag(prior)) @ inverse
     error = THRESHOLDS.estimates.t95 * scale * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    judged = departures(judged_on, [Patch(), patch(start), patch(x)])
+    judged = simulate_departures(judged_on, [Patch(), patch(start), patch(x)])
     values: list[dict[str, Estimate]] = [{} for _ in parts]
     for (n, name), value, width in zip(names, x, error):
         unit = parts[n].parameters[name].unit
@@ -131,7 +135,7 @@ def refit(recorded: Windows, parts: Sequence[Part], delay: float = THRESHOLDS.nu
     return Refit(parts, tuple(values), *rms(judged), len(fitted), len(judged_on))
 
 
-def _patch(parts: Sequence[Part], names: Sequence[tuple[int, str]], values: np.ndarray) -> Patch:
+def _patch(parts: Sequence[RefittedEffect], names: Sequence[tuple[int, str]], values: np.ndarray) -> Patch:
     by_part: list[dict[str, float]] = [dict(part.constants) for part in parts]
     for (n, name), value in zip(names, values):
         by_part[n][name] = float(value)
@@ -141,14 +145,14 @@ def _patch(parts: Sequence[Part], names: Sequence[tuple[int, str]], values: np.n
     return Patch(tuple(effects))
 
 
-def second_opinion(diagnosis: Diagnosis, rivals: Sequence[Model] = (), seed: int = 0) -> dict | None:
+def refit_in_simulation(diagnosis: Diagnosis, rivals: Sequence[ScoredModel] = (), seed: int = 0) -> dict | None:
     """The chosen model and its rivals refitted, as the report says it.
 
     None for another arm, for recordings without commands, or where nothing is to be refitted.
     """
     if diagnosis.context.arm.joints != NOMINAL.joints:
         return None
-    recorded = windows(diagnosis.context.logs)
+    recorded = cut_windows(diagnosis.context.logs)
     if recorded is None or len(recorded) < REFIT.windows_least:
         return None
     delay = next(
@@ -156,7 +160,7 @@ def second_opinion(diagnosis: Diagnosis, rivals: Sequence[Model] = (), seed: int
     )
     found = []
     for model in (None, *rivals):
-        parts = parts_of(diagnosis, model, seed)
+        parts = effects_to_refit(diagnosis, model, seed)
         try:
             done = refit(recorded, parts, delay)
         except (
@@ -171,18 +175,18 @@ def second_opinion(diagnosis: Diagnosis, rivals: Sequence[Model] = (), seed: int
     return {"structures": found} if found else None
 
 
-def disagree(one: Estimate, other: Estimate) -> bool:
+def is_disagreement(one: Estimate, other: Estimate) -> bool:
     """Whether two estimates differ by more than both intervals together, and than two simulators do."""
     difference = abs(one.value - other.value)
     halves = 0.5 * np.hypot(one.high - one.low, other.high - other.low)
     return bool(difference > halves and difference > REFIT.agree * max(abs(one.value), abs(other.value)))
 
 
-def _titles(parts: Sequence[Part]) -> list[str]:
+def _titles(parts: Sequence[RefittedEffect]) -> list[str]:
     return [f"{part.effect} at {part.component}" for part in parts]
 
 
-def _row(done: Refit, left_out: Sequence[Part]) -> dict:
+def _row(done: Refit, left_out: Sequence[RefittedEffect]) -> dict:
     rows = []
     for part, values in zip(done.parts, done.values):
         for name, forward in values.items():
@@ -195,7 +199,7 @@ def _row(done: Refit, left_out: Sequence[Part]) -> dict:
                     "unit": forward.unit,
                     "torque_domain": {"value": torque.value, "ci95": [torque.low, torque.high]},
                     "forward": {"value": forward.value, "ci95": [forward.low, forward.high]},
-                    "disagree": disagree(torque, forward),
+                    "disagree": is_disagreement(torque, forward),
                 }
             )
     overall = [

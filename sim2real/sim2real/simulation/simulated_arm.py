@@ -12,7 +12,6 @@ from np_description.domains import CARD
 from np_description.panda import NOMINAL, PandaModel
 from np_description.scene import OBJECT, build_scene
 
-Z1 = Path(__file__).parents[1] / "data" / "z1.xml"
 FLOATING_MASS = 1e-6  # kg, of the bodies that carry a gravity compensation and nothing else
 
 

@@ -11,23 +11,23 @@ import numpy as np
 from np_description.panda import JOINT_NAMES
 from sim2real.effects.patch import Patch
 from sim2real.recordings.signals import Log
-from sim2real.simulation.forward import departures, rms, windows
+from sim2real.simulation.multiple_shooting import cut_windows, rms, simulate_departures
 from sim2real.thresholds import THRESHOLDS
 
 DRAWS = 1000
 
 
-def verify(logs: Sequence[Log], patch: Patch, seed: int = 0) -> dict[str, object]:
+def verify_patch(logs: Sequence[Log], patch: Patch, seed: int = 0) -> dict[str, object]:
     """How far simulated shots depart from the recordings, without and with the patch.
 
     before, after: RMS rad, all joints together; by_joint: of each; removed: share of `before` that the patch takes
     away, removed_ci95: its 95 % interval over the windows; verdict: better, worse or same, by that interval.
     Raises ValueError for recordings without commands of the Panda, FloatingPointError for a simulation that diverges.
     """
-    recorded = windows(logs)
+    recorded = cut_windows(logs)
     if recorded is None:
         raise ValueError("a patch is verified in the closed loop: expected effort_command in a recording, found none")
-    old, new = departures(recorded, [Patch(), patch])
+    old, new = simulate_departures(recorded, [Patch(), patch])
     squares = np.array([np.square(errors).mean(axis=(1, 2)) for errors in (old, new)])  # of each window
     rng = np.random.default_rng(seed)
     drawn = rng.multinomial(len(recorded), np.full(len(recorded), 1 / len(recorded)), DRAWS)
@@ -46,7 +46,7 @@ def verify(logs: Sequence[Log], patch: Patch, seed: int = 0) -> dict[str, object
     }
 
 
-def sentence(found: dict) -> str:
+def verification_sentence(found: dict) -> str:
     """What was found, first of all."""
     low, high = (100 * share for share in found["removed_ci95"])
     departs = f"{1e3 * found['before_rad']:.3g} mrad without it, {1e3 * found['after_rad']:.3g} mrad with it"
@@ -60,7 +60,7 @@ def sentence(found: dict) -> str:
     return f"{did}: {departs}, RMS of {found['windows']} shots of {window:g} s."
 
 
-def write(out: Path, found: dict) -> Path:
+def write_verification(out: Path, found: dict) -> Path:
     """Write verification.json; its path."""
     out.mkdir(parents=True, exist_ok=True)
     path = out / "verification.json"

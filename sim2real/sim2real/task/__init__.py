@@ -1,1 +1,1 @@
-"""The chain beside the arm: clocks of two streams of poses, keypoints at rest, slow pushes and free slides."""
+"""The diagnosis of camera, keypoints, timing, contact, object and table from recordings of the task suite."""

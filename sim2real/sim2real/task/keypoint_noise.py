@@ -21,7 +21,7 @@ from sim2real.task.hypotheses import NORMAL_95
 from sim2real.task.keypoint_track import KeypointTrack, find_rests
 from sim2real.thresholds import THRESHOLDS
 
-SCATTER = THRESHOLDS.scatter
+SCATTER = THRESHOLDS.keypoint_noise
 UNKNOWN = ValueWithInterval(0.0, 0.0, 0.0)
 
 
@@ -52,9 +52,9 @@ def estimate_keypoint_noise(track: KeypointTrack) -> KeypointNoise:
     if seconds < SCATTER.least:
         raise ContractViolation(
             f"{track.name}: expected an object that rests for {SCATTER.least:g} s in all, got {seconds:.1f} s in "
-            f"{len(pieces)} stretches of {THRESHOLDS.track.rest:g} s and more"
+            f"{len(pieces)} stretches of {THRESHOLDS.keypoint_track.rest:g} s and more"
         )
-    fresh = _is_fresh(track)
+    fresh = _is_new_image(track)
     deviations = [_deviations(track, s, fresh[s]) for s in pieces]
     lengths = np.array([len(d) for d in deviations])
     spread, share, size, odds = _mixture(np.concatenate(deviations))
@@ -70,13 +70,13 @@ def estimate_keypoint_noise(track: KeypointTrack) -> KeypointNoise:
     return KeypointNoise(
         seconds,
         seen // COUNT,
-        _about(spread, spread / np.sqrt(2 * known)),
+        _gaussian_interval(spread, spread / np.sqrt(2 * known)),
         ValueWithInterval(
             memory, max(memory - NORMAL_95 * memory_error, 0.0), min(memory + NORMAL_95 * memory_error, 1.0)
         ),
         _proportion(share * seen, seen),
-        _about(size, size / np.sqrt(2 * 2 * max(share * seen, 1.0))),
-        _repeated(fresh, spread),
+        _gaussian_interval(size, size / np.sqrt(2 * 2 * max(share * seen, 1.0))),
+        _repeated_share(fresh, spread),
     )
 
 
@@ -99,7 +99,7 @@ def visible_noise_effects(noise: KeypointNoise) -> dict[str, dict[str, ValueWith
     return visible
 
 
-def _is_fresh(track: KeypointTrack) -> np.ndarray:
+def _is_new_image(track: KeypointTrack) -> np.ndarray:
     """Images (n,) bool in which anything differs from the one before."""
     same = (track.pixels[1:] == track.pixels[:-1]) | ~np.isfinite(track.pixels[1:])
     return np.r_[True, ~same.all(axis=(1, 2))]
@@ -163,7 +163,7 @@ def _memory(inside: Sequence[np.ndarray], spread: float) -> tuple[float, float, 
     return memory, float(max(among, np.sqrt((1 - memory**2) / counts.sum()))), spread / np.sqrt(1 - taken)
 
 
-def _repeated(fresh: np.ndarray, spread: float) -> ValueWithInterval | None:
+def _repeated_share(fresh: np.ndarray, spread: float) -> ValueWithInterval | None:
     """Of all images where corners scatter; else of those between two that differ, which are not so far apart that it rested."""
     if spread > SCATTER.finest:
         return _proportion(float((~fresh[1:]).sum()), len(fresh) - 1)
@@ -181,5 +181,5 @@ def _proportion(count: float, of: int) -> ValueWithInterval:
     return ValueWithInterval(count / of, float(low), float(high))
 
 
-def _about(value: float, error: float) -> ValueWithInterval:
+def _gaussian_interval(value: float, error: float) -> ValueWithInterval:
     return ValueWithInterval(float(value), float(max(value - NORMAL_95 * error, 0.0)), float(value + NORMAL_95 * error))

@@ -12,7 +12,7 @@ from np_description.keypoints import COUNT
 from sim2real.recordings.reading import SECOND, ContractViolation, bag_violation
 from sim2real.thresholds import THRESHOLDS
 
-TRACK = THRESHOLDS.track
+TRACK = THRESHOLDS.keypoint_track
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,13 +53,13 @@ def read_keypoint_track(path: str | Path, least_score: float = TRACK.score) -> K
     """The keypoints of a rosbag2 recording. Raises ContractViolation."""
     from np_description.message_arrays import BadMessage, keypoints_array
     from np_record.bag import BagError, MissingTopics, Recording  # slow
-    from np_record.bulk import decoded
+    from np_record.bulk import decode_message
 
     name = f"bag {Path(path)}"
     try:
         with Recording(path, required=("keypoints",)) as recording:
             messages = recording.rows("keypoints")["keypoints"]
-            found = np.array([keypoints_array(decoded(f"{name}: keypoints", m)) for m in messages])
+            found = np.array([keypoints_array(decode_message(f"{name}: keypoints", m)) for m in messages])
             stamps = np.array([m.stamp for m in messages], dtype=np.int64)
     except MissingTopics as error:
         raise ContractViolation(f"{error}{_other_suite(error.information)}") from error

@@ -13,7 +13,7 @@ from sim2real.excitation.contact_suite.tip import CORNERS, HALF
 from sim2real.recordings.signals import Log
 from sim2real.thresholds import THRESHOLDS
 
-FORCE = THRESHOLDS.contact_force
+FORCE = THRESHOLDS.tip_force
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ def tip_forces(
     contact; turning (7,): of its rows, see `Motion.turning`. A joint that hardly moves counts little, and so does one that did not turn the same
     way where nothing was touched: nobody knows which way its friction acts, or acted.
     """
-    inverse, deviation = _weighed(moved, points, panda, turning)
+    inverse, deviation = _weighted_inverse(moved, points, panda, turning)
     return np.einsum("nij,nj->ni", inverse, -(moved.excess - free) / deviation)[:, :3]
 
 
@@ -95,11 +95,11 @@ def tip_force_covariance(
 ) -> np.ndarray:
     """Covariance (n, 3, 3) N^2 of `tip_forces`, all rows alike: of the joints' errors, of which a stretch without contact at the same speed,
     taken off, leaves `FORCE.left`."""
-    inverse, _ = _weighed(moved, points, panda, turning)
+    inverse, _ = _weighted_inverse(moved, points, panda, turning)
     return FORCE.left**2 * (inverse @ np.swapaxes(inverse, 1, 2))[:, :3, :3]
 
 
-def _weighed(
+def _weighted_inverse(
     moved: ArmMotion, points: np.ndarray | None, panda: PandaModel, turning: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Inverse (n, 3 or 6, 7) that makes forces of joint torques over their deviations (n, 7) Nm."""

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim2real.thresholds import camera as view
-from sim2real.thresholds import checks, consequences, inference, keypoints, task
+from sim2real.thresholds import camera, checks, consequences, inference, keypoints, task
 
 __all__ = ["THRESHOLDS", "Thresholds"]
 
@@ -43,21 +42,21 @@ class Thresholds:
     simulation: consequences.Simulating = consequences.Simulating()
     patching: consequences.Patching = consequences.Patching()
     refit: consequences.Refitting = consequences.Refitting()
-    track: keypoints.Tracking = keypoints.Tracking()
-    scatter: keypoints.Scattering = keypoints.Scattering()
-    places: view.Places = view.Places()
-    view_spreads: view.ViewSpreads = view.ViewSpreads()
-    view_fit: view.ViewFit = view.ViewFit()
-    view_change: view.ViewChange = view.ViewChange()
-    contact_force: task.ContactForce = task.ContactForce()
-    touching: task.Touching = task.Touching()
-    forcing: task.Forcing = task.Forcing()
-    lag: task.Lagging = task.Lagging()
-    meeting: task.Meeting = task.Meeting()
-    tapping: task.Tapping = task.Tapping()
-    motion: task.Moving = task.Moving()
-    untouched: task.Untouching = task.Untouching()
-    covered: task.Covering = task.Covering()
+    keypoint_track: keypoints.KeypointTracking = keypoints.KeypointTracking()
+    keypoint_noise: keypoints.KeypointScatter = keypoints.KeypointScatter()
+    rest_poses: camera.RestPoses = camera.RestPoses()
+    camera_spreads: camera.CameraSpreads = camera.CameraSpreads()
+    camera_fit: camera.CameraFitting = camera.CameraFitting()
+    camera_comparison: camera.CameraComparison = camera.CameraComparison()
+    tip_force: task.TipForce = task.TipForce()
+    surface_contact: task.SurfaceContact = task.SurfaceContact()
+    friction_and_mass: task.FrictionAndMass = task.FrictionAndMass()
+    image_latency: task.LatencyEstimate = task.LatencyEstimate()
+    hand_eye_offset: task.HandEye = task.HandEye()
+    tap_slides: task.TapSlides = task.TapSlides()
+    object_motion: task.ObjectMotion = task.ObjectMotion()
+    static_scene: task.StaticScene = task.StaticScene()
+    occlusion: task.Occlusion = task.Occlusion()
     hypotheses: task.Hypotheses = task.Hypotheses()
 
 

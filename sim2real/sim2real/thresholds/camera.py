@@ -1,4 +1,4 @@
-"""Thresholds of the view stage: seen corners against camera, lens, table and object (chain/view_stage/)."""
+"""Thresholds of the camera stage: seen corners against camera, lens, table and object (`sim2real.task.camera`)."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def spreads(usual: float, gap: float, unit: str, meaning: str, source: str) -> A
 
 
 @dataclass(frozen=True)
-class Places:
-    """Where the object rested, and which of these places count (chain/view_stage/places.py)."""
+class RestPoses:
+    """Where the object rested, and which of these places count (`sim2real.task.camera.rest_poses`)."""
 
     same: float = threshold(2.0, "px", "by which a corner moves, in the middle, from one place to another", JUDGEMENT)
     corners: int = threshold(5, "corners", "fewest usable of a place", "the pose takes three numbers of ten")
@@ -35,8 +35,8 @@ class Places:
 
 
 @dataclass(frozen=True)
-class ViewSpreads:
-    """What the numbers of the view are beforehand (chain/view_stage/model.py)."""
+class CameraSpreads:
+    """Prior standard deviations of the camera model (`sim2real.task.camera.model`)."""
 
     shift: tuple[float, float] = spreads(0.0006, 0.01, "m", "camera's place, each axis", f"{USUAL}; public: 4 to 29 mm")
     turn: tuple[float, float] = spreads(
@@ -54,11 +54,11 @@ class ViewSpreads:
 
 
 @dataclass(frozen=True)
-class ViewFit:
-    """Seen corners beside the model (chain/view_stage/fit.py)."""
+class CameraFitting:
+    """Seen corners beside the model (`sim2real.task.camera.fit`)."""
 
-    tails: float = threshold(4.0, "1", "degrees of freedom of a corner's error, Student's", "as of pushes")
-    first_tails: float = threshold(100.0, "1", "the same where the search begins", "as of pushes")
+    tails: float = threshold(4.0, "1", "degrees of freedom of a corner's error, Student's", "engineering judgement")
+    first_tails: float = threshold(100.0, "1", "the same where the search begins", "engineering judgement")
     scatter: tuple[float, float] = threshold(
         (0.5, 1.0), "px, 1", "a detector's error of a corner in a view, and spread of its log", "released: .2 to .4 px"
     )
@@ -70,8 +70,8 @@ class ViewFit:
 
 
 @dataclass(frozen=True)
-class ViewChange:
-    """Which explanation of the seen corners stands (chain/view_stage/view.py)."""
+class CameraComparison:
+    """Which hypothesis explains the seen corners (`sim2real.task.camera.diagnosis`)."""
 
     places: int = threshold(3, "places", "fewest that tell anything apart", JUDGEMENT)
     apart: float = threshold(40.0, "px", "between the two that are farthest apart, at least", "a fifth of the image")
@@ -83,7 +83,7 @@ class ViewChange:
         2.0, "px", "of scatter that is left, beyond which it is unexplained", "2 px of a detector are usual"
     )
     strain: float = threshold(
-        4.0, "1", "usual standard deviations by which a number may be off unnamed", "as of pushes"
+        4.0, "1", "usual standard deviations by which a number may be off unnamed", "engineering judgement"
     )
     sure: float = threshold(
         1e-4, "1", "probability by chance below which a pattern counts", "corners are gross together now and then"

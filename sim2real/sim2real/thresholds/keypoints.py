@@ -8,7 +8,7 @@ from sim2real.thresholds.entry import JUDGEMENT, NUMERICS, threshold
 
 
 @dataclass(frozen=True)
-class Tracking:
+class KeypointTracking:
     """When an object rests (`sim2real.task.keypoint_track`)."""
 
     least: int = threshold(30, "images", "fewer are no recording", JUDGEMENT)
@@ -36,7 +36,7 @@ class Tracking:
 
 
 @dataclass(frozen=True)
-class Scattering:
+class KeypointScatter:
     """How keypoints scatter (`sim2real.task.keypoint_noise`)."""
 
     least: float = threshold(1.5, "s", "of rest in all, to tell; the approach of an episode has 2.5", JUDGEMENT)

@@ -1,4 +1,4 @@
-"""Thresholds of what the hand feels: touches and contact forces (chain/touch/, chain/force/, chain/contact_force.py)."""
+"""Thresholds of the stages that need the task suite."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from sim2real.thresholds.entry import JUDGEMENT, NUMERICS, threshold
 
 
 @dataclass(frozen=True)
-class ContactForce:
-    """Forces from joint torques (chain/contact_force.py)."""
+class TipForce:
+    """Forces from joint torques (`sim2real.task.wrench`)."""
 
     rate: float = threshold(50.0, "1/s", "rows, means of the states in between", JUDGEMENT)
     turned: float = threshold(0.004, "rad/s", "speed from which on a joint's friction has turned over", JUDGEMENT)
@@ -23,8 +23,8 @@ class ContactForce:
 
 
 @dataclass(frozen=True)
-class Touching:
-    """Surfaces that the tip was stopped by (chain/touch/)."""
+class SurfaceContact:
+    """Surfaces that the tip was stopped by (`sim2real.task.surface`)."""
 
     least: float = threshold(1.5, "N", "smallest force at which a surface is felt", "joints at rest hide .7 N")
     rows: int = threshold(8, "rows", "of contact, at least, to draw a line through", JUDGEMENT)
@@ -39,8 +39,8 @@ class Touching:
 
 
 @dataclass(frozen=True)
-class Forcing:
-    """Friction and mass from forces of slow drags, pushes and scrapes (chain/force/)."""
+class FrictionAndMass:
+    """Friction and mass from forces of slow drags, pushes and scrapes (`sim2real.task.contact_force`)."""
 
     pressed: float = threshold(0.8, "N", "smallest press of a drag that counts", JUDGEMENT)
     moving: float = threshold(0.6, "1", "share of its speed from which on a stroke counts", JUDGEMENT)
@@ -101,8 +101,8 @@ class Forcing:
 
 
 @dataclass(frozen=True)
-class Lagging:
-    """Images against the tip that pushes the object (chain/task/lag.py)."""
+class LatencyEstimate:
+    """Images against the tip that pushes the object (`sim2real.task.suite.image_latency`)."""
 
     within: float = threshold(0.3, "s", "delays that are told", NUMERICS)
     way: float = threshold(0.0003, "m", "error of the object's way in one image", "a tenth of a pixel, eight corners")
@@ -148,8 +148,8 @@ class Lagging:
 
 
 @dataclass(frozen=True)
-class Meeting:
-    """Faces that are pushed against where they are seen (chain/task/meeting.py)."""
+class HandEye:
+    """Faces that are pushed against where they are seen (`sim2real.task.suite.hand_eye_offset`)."""
 
     least: int = threshold(3, "faces", "that were met, at least", JUDGEMENT)
     square: float = threshold(0.94, "1", "cosine of the angle between a push and its face, at least", "20 degrees")
@@ -167,8 +167,8 @@ class Meeting:
 
 
 @dataclass(frozen=True)
-class Tapping:
-    """Objects that slide after a tap (chain/force/slide.py)."""
+class TapSlides:
+    """Objects that slide after a tap (`sim2real.task.contact_force.tap_slide`)."""
 
     down: float = threshold(0.005, "m", "over its lowest point, within which the tip is down", JUDGEMENT)
     square: float = threshold(0.94, "1", "cosine of the angle between a tap and its face, at least", "20 degrees")
@@ -183,8 +183,8 @@ class Tapping:
 
 
 @dataclass(frozen=True)
-class Moving:
-    """The object's motion, simulated from where it rests (chain/motion/)."""
+class ObjectMotion:
+    """The object's motion, simulated from where it rests (`sim2real.task.object_motion`)."""
 
     down: float = threshold(0.015, "m", "over its lowest point, within which the tip may touch the object", JUDGEMENT)
     rested: float = threshold(0.4, "s", "before that, of images that show where the object rests", JUDGEMENT)
@@ -194,7 +194,7 @@ class Moving:
         100.0,
         "Nm/rad",
         "by which the wrist's last joint is led along its way, other joints by more",
-        "tried, see the doctor's page",
+        "tried on development cases",
     )
     rougher: tuple[float, ...] = threshold(
         (-0.035, 0.0, 0.035),
@@ -206,8 +206,8 @@ class Moving:
 
 
 @dataclass(frozen=True)
-class Covering:
-    """Corners that the hand hides (chain/task/covered.py)."""
+class Occlusion:
+    """Corners that the hand hides (`sim2real.task.suite.occlusion`)."""
 
     first: float = threshold(1.0, "s", "of images that tell how the object lies", JUDGEMENT)
     beside: float = threshold(
@@ -219,8 +219,8 @@ class Covering:
 
 
 @dataclass(frozen=True)
-class Untouching:
-    """Whether an object rests in the picture that nothing touches (chain/task/untouched.py)."""
+class StaticScene:
+    """Whether an object rests in the picture that nothing touches (`sim2real.task.suite.static_scene`)."""
 
     moved: float = threshold(
         0.7, "px", "from its middle place, from which on the picture moves by itself: 1.4 mm", JUDGEMENT

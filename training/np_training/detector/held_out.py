@@ -11,7 +11,7 @@ import torch
 
 from np_description.camera import CAMERA
 from np_description.domains import Domain
-from np_description.drawing.meshes import drawn_model
+from np_description.drawing.meshes import load_visual_model
 from np_description.scene import build_scene
 from np_sim_bridge.renderer import make_renderer
 from np_training.detector.render import (
@@ -58,7 +58,7 @@ def held_out_images(
     if visited is not None:
         states = mix_visited(states, visited, SampleConfig.visited, generator)
     for part in states.split(-(-count // PATTERNS) if patterned else count):
-        model = patterned_model(domain, generator) if patterned else drawn_model(domain, meshes=meshes)
+        model = patterned_model(domain, generator) if patterned else load_visual_model(domain, meshes=meshes)
         looks, camera = Looks(model, look, "cpu"), make_renderer(renderer, model)
         for state in part:
             values = looks.sample(1, generator)

@@ -18,7 +18,7 @@ from np_description.camera import CAMERA
 from np_description.domains import Domain, is_lost, is_success, pose_error
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
-from np_description.symmetry import naming, symmetries
+from np_description.symmetry import canonical_rotation, symmetries
 from np_policy import action as actions
 from np_policy.observation import normalised_keypoints, post_contact_observation
 from np_training.environment import contact
@@ -88,7 +88,7 @@ def as_seen(domain: Domain, objects: Poses, goals: Poses) -> tuple[Poses, Poses]
     if not domain.interchangeable:
         return objects, goals
     turns = torch.tensor(symmetries(domain.half_size), dtype=goals.position.dtype, device=goals.position.device)
-    turn = turns[naming(domain, normalised_keypoints(corners(domain, goals)))]
+    turn = turns[canonical_rotation(domain, normalised_keypoints(corners(domain, goals)))]
     axes = matrix_from_quaternion(turn).abs()  # which of the old edges lies along each of the new axes
     return tuple(
         Poses(
@@ -115,7 +115,7 @@ class Environment:
         self.sight = Sight(self.physics.host_model, device)
         self.view = BatchedView(config.physics.effects)
         self.generator = torch.Generator(device=device).manual_seed(config.seed)
-        self.limits = actions.LOOSE
+        self.limits = actions.RESIDUAL_LIMITS_INITIAL
         n = config.worlds
         self.goals = Poses(
             torch.zeros(n, 3, device=device), torch.zeros(n, 4, device=device), self.physics.varied.scale
@@ -182,7 +182,7 @@ class Environment:
         pixels = pixels + c.keypoint_noise * self._normal(self.config.worlds, 16).reshape(-1, 8, 2)
         state = post_contact_observation(q, dq, pixels, goal_pixels, position, rotation, self.last_action)
         remaining = 1 - self.age[:, None] / self.config.limit
-        zeta = torch.full_like(remaining, self.limits.position / actions.LOOSE.position)
+        zeta = torch.full_like(remaining, self.limits.position / actions.RESIDUAL_LIMITS_INITIAL.position)
         privileged = torch.cat(
             [pre_contact_state(objects, goals), self.physics.qvel[:, 9:], self.conditions, remaining, zeta], -1
         )

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
-from np_description.contact.depths import Tally
+from np_description.contact.depths import DepthHistogram
 from np_description.objects.scenarios import fixed_task
 from np_description.panda import NOMINAL
 from np_description.scene import SUPPORT_SHARE
-from np_policy.action import TIGHT
+from np_policy.action import RESIDUAL_LIMITS_FINAL
 from np_training.environment import contact
 from np_training.environment.environment import Environment, as_seen, pre_contact_state
 from np_training.physics.batched import ARM
@@ -48,7 +48,7 @@ class Episodes:
     angle: np.ndarray
     over: np.ndarray
     shares: np.ndarray
-    depths: Tally
+    depths: DepthHistogram
     hidden: np.ndarray
     force: np.ndarray
     bare: np.ndarray
@@ -75,7 +75,7 @@ def concatenate(parts: list[Episodes]) -> Episodes:
         *(join(name) for name in ("mode", "length", "distance", "angle")),
         join("over", 1),
         join("shares", 1),
-        Tally.joined(part.depths for part in parts),
+        DepthHistogram.joined(part.depths for part in parts),
         join("hidden"),
         join("force", 1),
         join("bare", 1),
@@ -106,7 +106,7 @@ def run_episodes(
         env.generator.manual_seed(seed)
         torch.manual_seed(seed)
     env.config = dataclasses.replace(env.config, conditions=conditions or env.config.conditions, strictness=1.0)
-    env.limits = TIGHT
+    env.limits = RESIDUAL_LIMITS_FINAL
     one = torch.ones(worlds, device=device)
     # What an earlier run may have left.
     env.physics.varied.resize(everyone, one[:, None].expand(worlds, 3))
@@ -129,7 +129,7 @@ def run_episodes(
     mode = torch.full((worlds,), MODES.index("timeout"), device=device)
     length, distance, angle, hidden = (torch.zeros(worlds, device=device) for _ in range(4))
     over = torch.zeros(2, worlds, 7, device=device)
-    shares, tally = torch.zeros(3, worlds, 7, device=device), Tally()
+    shares, tally = torch.zeros(3, worlds, 7, device=device), DepthHistogram()
     force, bare = torch.zeros(5, worlds, device=device), torch.zeros(2, worlds, device=device)
     lower, upper = (torch.tensor(list(end)).to(over) for end in (NOMINAL.position_lower, NOMINAL.position_upper))
     frames = [env.physics.qpos.clone()] if record else []

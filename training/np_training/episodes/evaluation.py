@@ -14,13 +14,13 @@ from sim2real.effects.patch import Patch
 
 from np_common.intervals import wilson_interval
 from np_description import limit_share
-from np_description.contact.depths import Tally
+from np_description.contact.depths import DepthHistogram
 from np_description.domains import find_domain
 from np_description.objects.choice import DEFAULT
 from np_description.weights.header import read_metadata
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
-from np_policy.networks import PreContactStudent
-from np_policy.other_size import sizes_known
+from np_policy.networks import PreContactNetwork
+from np_policy.size_generalization import read_size_range
 from np_policy.weights import load
 from np_training.checkpoints import read_state
 from np_training.contracts import trained_contract
@@ -76,7 +76,7 @@ def summarise(episodes: Episodes, substeps: int) -> dict:
         },
         "force": force_figures(episodes, reached),
         "hidden_share": round(float(episodes.hidden[reached].mean()), 4) if reached.any() else None,
-        "depth_mm": Tally.summary([episodes.depths]).as_dict(),
+        "depth_mm": DepthHistogram.summary([episodes.depths]).as_dict(),
         "limit_share": limit_share.summary(episodes.shares[:, reached].transpose(1, 0, 2)),
         "by_group": {name: rate(success[mask]) for name, mask in episodes.groups.items()},
         "failures": failures,
@@ -179,9 +179,9 @@ def evaluate_all(arguments: argparse.Namespace, effects: Patch, refuse: Callable
     contract = trained_contract(PRE_CONTACT, find_domain(setting["domain"]), damping_floor=setting["damping_floor"])
     student = None
     if arguments.student:
-        network = load(PreContactStudent(), arguments.student, contract).to(arguments.device)
+        network = load(PreContactNetwork(), arguments.student, contract).to(arguments.device)
         metadata = read_metadata(arguments.student)
-        student = Student(network, metadata.get("object", DEFAULT), sizes_known(metadata))
+        student = Student(network, metadata.get("object", DEFAULT), read_size_range(metadata))
     environment = Environment(
         domain,
         arguments.device,

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from np_policy.action import LOOSE, TIGHT, ResidualLimits
+from np_policy.action import RESIDUAL_LIMITS_FINAL, RESIDUAL_LIMITS_INITIAL, ResidualLimits
 
-STAGES = 10  # geometric steps from LOOSE to TIGHT (paper)
+STAGES = 10  # geometric steps from the initial to the final residual limits (paper)
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,13 @@ def stage_limits(stage: int) -> ResidualLimits:
     """Residual limits of a curriculum stage, 0 (loose) to STAGES (tight), geometric in between (paper)."""
     share = min(stage, STAGES) / STAGES
     return ResidualLimits(
-        *(a * (b / a) ** share for a, b in ((LOOSE.position, TIGHT.position), (LOOSE.rotation, TIGHT.rotation)))
+        *(
+            a * (b / a) ** share
+            for a, b in (
+                (RESIDUAL_LIMITS_INITIAL.position, RESIDUAL_LIMITS_FINAL.position),
+                (RESIDUAL_LIMITS_INITIAL.rotation, RESIDUAL_LIMITS_FINAL.rotation),
+            )
+        )
     )
 
 

@@ -13,12 +13,17 @@ import torch
 
 from np_description.domains import Domain
 from np_description.hand import HandShapes
-from np_description.objects.choice import DEFAULT, choice_of
+from np_description.objects.choice import DEFAULT, object_reference
 from np_policy import hand_pose
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
-from np_policy.networks import PostContactPolicy, PreContactStudent
+from np_policy.networks import PostContactNetwork, PreContactNetwork
 from np_policy.observation import normalised_keypoints, student_observation
-from np_policy.other_size import SIZES, carried_over, known_domain, known_in_place
+from np_policy.size_generalization import (
+    SIZES,
+    canonical_object_position,
+    find_trained_domain,
+    transfer_contact_position,
+)
 from np_policy.weights import load, save
 from np_training.checkpoints import read_state
 from np_training.contracts import trained_contract
@@ -52,7 +57,7 @@ class Student:
     """A student's network, the object that it was trained with, as np_description.objects.choice names it, and from what to what factor of
     its edges."""
 
-    network: PreContactStudent
+    network: PreContactNetwork
     object: str = DEFAULT
     sizes: tuple[float, float] = (1.0, 1.0)
 
@@ -65,16 +70,16 @@ class Student:
         view: BatchedView = BatchedView(),
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """T_E position (n, 3) m, rotation (n, 3, 3) and opening (n,) m that it chooses for tasks, as the node does: for an object of
-        another size than it knows, see np_policy.other_size. noise: of keypoints, a standard deviation (n, 1, 1); view: by which objects are seen."""
-        known = known_domain(domain, self.object, self.sizes)
+        another size than it knows, see np_policy.size_generalization. noise: of keypoints, a standard deviation (n, 1, 1); view: by which objects are seen."""
+        known = find_trained_domain(domain, self.object, self.sizes)
         if known is None:
             return hand_pose.decode(self.network(student_input(domain, objects, goals, noise, view)))
         shown = (
-            Poses(known_in_place(domain, known, poses.position, poses.quaternion), poses.quaternion)
+            Poses(canonical_object_position(domain, known, poses.position, poses.quaternion), poses.quaternion)
             for poses in (objects, goals)
         )
         hand, rotation, opening = hand_pose.decode(self.network(student_input(known, *shown, noise, view)))
-        there = carried_over(domain, known, objects.position, objects.quaternion, hand, rotation, opening)
+        there = transfer_contact_position(domain, known, objects.position, objects.quaternion, hand, rotation, opening)
         return there, rotation, opening
 
 
@@ -111,14 +116,14 @@ def distil(
     view: BatchedView = BatchedView(),
     begin_with: Path | None = None,
     sizes: tuple[float, float] = (1.0, 1.0),
-) -> tuple[PreContactStudent, dict[str, float]]:
+) -> tuple[PreContactNetwork, dict[str, float]]:
     """Train a student for some minutes, or for so many steps, of a teacher that has `hand`; returns it with its errors on fresh
     noiseless tasks of the domain's own: means (mm, rad, mm) and the angle's median, which a teacher that decides between two faces leaves
     far below the mean. practice: share of tasks that are practice's (`shares_with`); view: by which objects are seen; begin_with: weights of a
     student that is taught on; sizes: range of the factor of the objects' edges."""
     generator = torch.Generator(device=device).manual_seed(seed)
     torch.manual_seed(seed)
-    student = PreContactStudent()
+    student = PreContactNetwork()
     if begin_with is not None:
         load(student, begin_with, PolicyContract.of(PRE_CONTACT, domain))
     student = student.to(device)
@@ -195,12 +200,12 @@ def distil_checkpoint(arguments: argparse.Namespace, refuse: Callable[[str], NoR
     )
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / f"pre_contact_student_{domain.name}.safetensors"
-    played = {"domain": domain.name, "object": choice_of(domain)}
+    played = {"domain": domain.name, "object": object_reference(domain)}
     if arguments.sizes != (1.0, 1.0):
         played[SIZES] = "{:g} {:g}".format(*arguments.sizes)
     save(student, path, trained_contract(PRE_CONTACT, domain, damping_floor=setting["damping_floor"]), played)
     if arguments.weights is not None:
-        post = PostContactPolicy()
+        post = PostContactNetwork()
         post.load_state_dict({name[5:]: t for name, t in state["networks"].items() if name.startswith("post.")})
         arguments.weights.mkdir(parents=True, exist_ok=True)
         for kind, network in ((PRE_CONTACT, student), (POST_CONTACT, post)):

@@ -6,7 +6,7 @@ import torch
 from torch import nn
 from torch.distributions import Normal
 
-from np_policy.networks import HIDDEN, PostContactPolicy, mlp
+from np_policy.networks import HIDDEN, PostContactNetwork, mlp
 from np_policy.observation import POST_SIZE
 from np_training.environment import contact
 from np_training.environment.environment import PRE_STATE_SIZE, PRIVILEGED_SIZE
@@ -47,7 +47,7 @@ class ActorCritic(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.post = PostContactPolicy()
+        self.post = PostContactNetwork()
         self.post_value = mlp(POST_SIZE + PRIVILEGED_SIZE, HIDDEN, 1)
         self.pre = PreContactPolicy()
         self.pre_value = mlp(PRE_STATE_SIZE, HIDDEN, 1)

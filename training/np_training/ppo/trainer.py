@@ -9,7 +9,7 @@ from pathlib import Path
 
 import torch
 
-from np_description.objects.choice import choice_of
+from np_description.objects.choice import object_reference
 from np_policy.action import STIFFNESS
 from np_training.environment.environment import Environment
 from np_training.ppo import distributed
@@ -62,7 +62,7 @@ class Trainer:
         env = self.environment
         return {
             "domain": env.domain.name,
-            "object": choice_of(env.domain),
+            "object": object_reference(env.domain),
             "limit": env.config.limit,
             "contact": env.config.physics.contact.name,
             "max_opening": env.domain.max_opening,

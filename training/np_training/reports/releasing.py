@@ -19,7 +19,7 @@ from np_description.objects.choice import DEFAULT
 from np_description.weights.header import read_metadata, tensors_sha256
 from np_description.weights.released import WeightsError, weights_folder
 from np_policy.contract import KINDS, POST_CONTACT, PRE_CONTACT
-from np_policy.networks import PostContactPolicy, PreContactStudent
+from np_policy.networks import PostContactNetwork, PreContactNetwork
 from np_policy.weights import load, save, sha256
 from np_training.checkpoints import read_state
 from np_training.contracts import trained_contract
@@ -157,12 +157,12 @@ def release(
     if (theirs := read_metadata(student).get("object", DEFAULT)) != played:
         raise ValueError(f"release: expected a student for object {played}, got one for {theirs}: {student}")
     seed = run.config.get("environment", {}).get("seed", 0)
-    post = PostContactPolicy()
+    post = PostContactNetwork()
     post.load_state_dict({name[5:]: tensor for name, tensor in state["networks"].items() if name.startswith("post.")})
     contracts = {
         kind: trained_contract(kind, find_domain(domain), damping_floor=setting["damping_floor"]) for kind in KINDS
     }
-    modules = {POST_CONTACT: post, PRE_CONTACT: load(PreContactStudent(), student, contracts[PRE_CONTACT])}
+    modules = {POST_CONTACT: post, PRE_CONTACT: load(PreContactNetwork(), student, contracts[PRE_CONTACT])}
     today = datetime.date.today().isoformat()
     weights.mkdir(parents=True, exist_ok=True)
     results.mkdir(parents=True, exist_ok=True)

@@ -1,1 +1,1 @@
-"""The doctor asked of the arms' recordings, and its answers judged."""
+"""`diagnose` on the recordings of the arms, and the score of its reports."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from sim2real.excitation.suite import suite
+from sim2real.excitation.suite import make_suite
 
 from np_blind.arm.loop import make_targets, run_stable_arms
 from np_blind.arm.sampling.cases import UNKNOWN_FAULT_KIND, Case, make_physics
@@ -43,7 +43,7 @@ def follow_up(case: Case, bag: Path, folder: Path, ask: Callable[[Sequence[Path]
     shutil.rmtree(second, ignore_errors=True)
     answer.mkdir(parents=True, exist_ok=True)
     try:
-        targets = make_targets(suite([name]))
+        targets = make_targets(make_suite([name]))
     except ValueError as error:
         (answer / "error.txt").write_text(str(error))
         return

@@ -29,14 +29,18 @@ from np_common.parent_process import end_with_parent
 
 @dataclass(frozen=True)
 class DiagnosisJob:
-    """How the doctor is asked: folder of the run, its command, s that one answer may take, whether bags are
-    kept, and the baselines' command ("": none)."""
+    """How the diagnosis is run."""
 
     out: Path
+    """Folder of the run."""
     doctor: str
+    """Command of the diagnosis."""
     timeout: float
+    """Time limit s of one diagnosis."""
     keep: bool = False
+    """Whether bags are kept."""
     identify: str = ""
+    """Command of the baselines; empty for none."""
 
 
 def report_path(out: Path, number: int) -> Path:

@@ -1,1 +1,1 @@
-"""What a case of an arm is: faults, background, and their sizes, from a seed and the case's number."""
+"""Cases of arms: faults, background and their sizes, drawn from a seed and the case number."""

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from np_bringup import backends
-from np_description.objects.choice import portable
-from np_ros.processes.answering import answering_nodes
+from np_description.objects.choice import embed_object_text
 from np_ros.processes.graph import LaunchArgument, NodeSpec, complete
+from np_ros.processes.policy_path import policy_path_nodes
 
 KEYPOINT_SOURCES = ("camera", "truth")
 LOOP_PRIORITY = 20
@@ -63,12 +63,12 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
             raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {given[name]!r}")
     backends.check(given)
     elsewhere = {backends.REAL: backends.real_nodes, backends.OWN: backends.own_nodes}.get(given["backend"])
-    given["object"] = portable(given["domain"], given["object"])  # for the bag too, wherever that goes
+    given["object"] = embed_object_text(given["domain"], given["object"])  # for the bag too, wherever that goes
     seeing = {key: given[key] for key in ("mode", "domain", "object", "calibration")}
     seed, image_rate, contacts = (_integer(given, name) for name in ("seed", "image_rate", "contacts"))
     from_camera = given["keypoints"] == "camera"
     effects = {"effects": given["effects"]} if given["effects"] else {}
-    answering = answering_nodes(given)
+    answering = policy_path_nodes(given)
     simulated = [
         NodeSpec(
             backends.SIMULATORS.get(given["backend"], ""),

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from np_control.dynamics import Dynamics
-from np_control.impedance import STIFFNESS_MAX, lead
+from np_control.impedance import STIFFNESS_MAX, velocity_feedforward_offset
 from np_control.impedance import torque as impedance_torque
 from np_control.kinematics import IK_ITERATIONS, pose_distance, solve_ik
 from np_control.safety import (
@@ -25,7 +25,7 @@ from np_control.safety import (
     limit_gains,
     limit_target,
     limit_torque,
-    press_share,
+    press_force_scale,
     slew_gains,
 )
 from np_control.trajectory import Trajectory
@@ -54,7 +54,7 @@ class ControllerConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class ControllerOutput:
     """What answers the state of `stamp` ns.
 
     position (7,) rad and velocity (7,) rad/s: the joint target, no further ahead of the arm than it may press by; torque (7,) Nm, without
@@ -118,7 +118,7 @@ class Controller:
         self._dynamics = dynamics or Dynamics()
         self._own_gains = np.stack(limit_gains(config.stiffness, np.full(7, config.damping_ratio)))
         self._states: deque[_State] = deque(maxlen=config.largest_target_age_ns // limits.period_ns + 1)
-        self._answer: Answer | None = None
+        self._answer: ControllerOutput | None = None
         self._reach: tuple[int, np.ndarray | None] = (0, None)  # ns, and the rad (7,) that no joint goes in them
         self._begin_at(np.zeros(7))
 
@@ -145,7 +145,7 @@ class Controller:
         self._answer = None
         return begins
 
-    def answer(self) -> Answer:
+    def answer(self) -> ControllerOutput:
         """Joint target and torque for the newest state; the same again, however often it is asked for."""
         if not self._states:
             raise Refusal(Reason.STATE, "no joint state has come yet")
@@ -153,7 +153,7 @@ class Controller:
             state = self._states[-1]
             wanted, position, velocity = self._wanted(state)
             self._torque, limited = limit_torque(self.limits, wanted, self._torque, state.q, state.dq)
-            self._answer = Answer(state.stamp, position, velocity, self._torque, tuple(limited))
+            self._answer = ControllerOutput(state.stamp, position, velocity, self._torque, tuple(limited))
         return self._answer
 
     def follow(self, trajectory: Trajectory, start: int | None = None, gains: np.ndarray | None = None) -> None:
@@ -316,10 +316,10 @@ class Controller:
         stiffness, ratio = self._gains
         feedforward = self._dynamics.feedforward(state.q, state.dq, acceleration)
         position = self._position
-        target = position if velocity is _REST else lead(position, velocity, stiffness, ratio)
+        target = position if velocity is _REST else velocity_feedforward_offset(position, velocity, stiffness, ratio)
         law = impedance_torque(state.q, state.dq, target, stiffness, ratio, 0.0)
         if self._target is None:  # the law of a policy's targets is the one it was trained with
-            share = press_share(self.limits, state.q, law)
+            share = press_force_scale(self.limits, state.q, law)
             if share < 1.0:  # position and velocity by one share: so the law's torque is that share of what it was
                 position, velocity = state.q + share * (position - state.q), state.dq + share * (velocity - state.dq)
                 law = share * law

@@ -31,7 +31,7 @@ def torque(q, dq, q_target, stiffness, damping_ratio, coriolis):
     return stiffness * (q_target - q) - damping(stiffness, damping_ratio) * dq + coriolis
 
 
-def lead(target, velocity, stiffness, damping_ratio):
+def velocity_feedforward_offset(target, velocity, stiffness, damping_ratio):
     """Joint target (..., 7) rad to give the law for a target that moves at `velocity` (..., 7) rad/s.
 
     The law damps absolute velocity. A target ahead by kd/kp times its velocity turns that into damping of the

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from np_common.rotations import cross, is_one, matrix_from_quaternion, namespace, vector_from_matrix
-from np_control.one_configuration import chain_of_one, pose_and_jacobian_of_one
+from np_control.single_configuration import joint_frames, pose_and_jacobian
 from np_description.panda import NOMINAL, PandaModel
 
 IK_ITERATIONS = 3
@@ -40,7 +40,7 @@ def _like(panda: PandaModel, q):
 def _chain(q, panda: PandaModel):
     """Origins (9 of (..., 3)) and rotations of the seven joint frames after their rotation, then hand, tcp."""
     if is_one(q):
-        origins, rotations = chain_of_one(q, panda)
+        origins, rotations = joint_frames(q, panda)
         return np.array(origins), np.array(rotations).reshape(9, 3, 3)
     xp = namespace(q)
     offsets, turns, *_ = _like(panda, q)
@@ -79,7 +79,7 @@ def jacobian(q, panda: PandaModel = NOMINAL):
 
 def _pose_and_jacobian(q, panda: PandaModel):
     if is_one(q):
-        return pose_and_jacobian_of_one(q, panda)
+        return pose_and_jacobian(q, panda)
     xp = namespace(q)
     origins, rotations = _chain(q, panda)
     axes = [rotation[..., :, 2] for rotation in rotations[:7]]

@@ -56,7 +56,7 @@ class Lens(Pinhole):
 
 
 @dataclass(frozen=True)
-class Errors:
+class CalibrationErrors:
     """How well it was measured. The 95 % bounds are of the length of the error.
 
     position_95 m; rotation_95 rad; keypoint_95 px: of a point on the table in the policy's image;
@@ -72,7 +72,7 @@ class Errors:
 
 
 @dataclass(frozen=True)
-class Table:
+class TablePlane:
     """The table as the board lying on it was seen: height m of the plane at `at` (x, y m), tilt (2,) rad
     about x and y, and the 95 % bounds of both."""
 
@@ -97,8 +97,8 @@ class Calibration:
     position: np.ndarray
     quaternion: np.ndarray
     covariance: np.ndarray
-    errors: Errors
-    table: Table | None = None
+    errors: CalibrationErrors
+    table: TablePlane | None = None
     source: str = ""
 
     def __post_init__(self) -> None:
@@ -224,8 +224,8 @@ def load(path: str | Path) -> Calibration:
             position=content["position"],
             quaternion=content["quaternion"],
             covariance=content["covariance"],
-            errors=Errors(**content["errors"]),
-            table=(Table(**{**table, "tilt": tuple(table["tilt"]), "at": tuple(table["at"])}) if table else None),
+            errors=CalibrationErrors(**content["errors"]),
+            table=(TablePlane(**{**table, "tilt": tuple(table["tilt"]), "at": tuple(table["at"])}) if table else None),
             source=str(content["source"]),
         )
     except (TypeError, KeyError, ValueError) as error:  # a CalibrationError is one

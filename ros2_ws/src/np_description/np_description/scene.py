@@ -76,10 +76,10 @@ def build_scene(
     timestep s. With `arm_collision` false only the last link, hand and fingers touch things (training: the other links never
     reach anything, and their pairs cost time). Joint torques act through seven motors, fingers through position servos;
     gravity is compensated for the robot, as the real one does by itself. contact: how rough and how hard everything is, but for
-    the object's own surface (`contact_of`); default: the domain's. supports: give the object patches to stand on (`SUPPORT`), whose sizes may then be
+    the object's own surface (`contact_model`); default: the domain's. supports: give the object patches to stand on (`SUPPORT`), whose sizes may then be
     changed. change: what of the scene is other than believed. Parts of an object that is not rigid come after all else in the generalised positions.
     """
-    domain, contact = change.domain(domain), change.contact(contact_of(domain, contact or domain.contact))
+    domain, contact = change.domain(domain), change.contact(contact_model(domain, contact or domain.contact))
     spec = mujoco.MjSpec()
     spec.modelname = f"panda_{domain.name}"
     spec.compiler.degree = False
@@ -120,7 +120,7 @@ def load_model(domain: Domain, **options) -> mujoco.MjModel:
     return build_scene(domain, **options).compile()
 
 
-def contact_of(domain: Domain, contact: ContactModel) -> ContactModel:
+def contact_model(domain: Domain, contact: ContactModel) -> ContactModel:
     """The contact definition with the frictions of the domain's object, where it is another than its own."""
     if domain.object is None:
         return contact
@@ -135,7 +135,7 @@ def set_friction_law(option: mujoco.MjOption, contact: ContactModel) -> None:
     option.impratio = contact.impratio
 
 
-def surface(friction: float, compliance: Compliance) -> dict:
+def surface_options(friction: float, compliance: Compliance) -> dict:
     """What a geom's surface is like, as MuJoCo names it."""
     return dict(friction=[friction, TORSION, ROLLING], solref=compliance.solref, solimp=compliance.solimp)
 
@@ -153,7 +153,9 @@ def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera, conta
     world = spec.worldbody
     world.add_light(name="key", pos=[0.9, -0.6, 1.6], dir=[-0.35, 0.4, -1.2], diffuse=[0.7] * 3, castshadow=True)
     world.add_light(name="fill", pos=[0.6, 0.9, 1.4], dir=[-0.1, -0.6, -1.0], diffuse=[0.3] * 3, castshadow=False)
-    fixed = dict(contype=ENVIRONMENT_BIT, conaffinity=OBJECT_BIT | ROBOT_BIT, **surface(contact.table, contact.hard))
+    fixed = dict(
+        contype=ENVIRONMENT_BIT, conaffinity=OBJECT_BIT | ROBOT_BIT, **surface_options(contact.table, contact.hard)
+    )
     world.add_geom(
         name="table",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
@@ -188,7 +190,7 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, cont
     # The first two links cannot leave the space above the base. The last one stands beside the hand: a policy that is
     # trained without it reaches through the object with it.
     first_touching = 2 if arm_collision else len(panda.joints) - 1
-    painted = surface(contact.links, contact.hard)
+    painted = surface_options(contact.links, contact.hard)
     body = _add_body(spec.worldbody, BASE_FRAME, panda.inertials["link0"])
     for capsule in _LINK_CAPSULES[0]:
         _add_shape(body, CapsuleShape(*capsule), _WHITE, **_SILENT)
@@ -219,7 +221,7 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, cont
 def _add_hand(spec: mujoco.MjSpec, link: mujoco.MjsBody, panda: PandaModel, contact: ContactModel) -> None:
     """The hand and its two fingers, on the last link."""
     hand = _add_body(link, "panda_hand", panda.inertials["hand"], panda.frames["link7_hand"])
-    housing = surface(contact.housing, contact.hard)
+    housing = surface_options(contact.housing, contact.hard)
     for shape in contact.hand.housing:
         _add_shape(hand, shape, _WHITE, **housing, **_TOUCHING)
     tcp = panda.frames["hand_tcp"]
@@ -238,7 +240,7 @@ def _add_hand(spec: mujoco.MjSpec, link: mujoco.MjsBody, panda: PandaModel, cont
         )
         # Where rubber is another matter than the rest, it decides: MuJoCo would average its compliance with the other's.
         decides = int(contact.rubber != contact.hard)
-        rubber = dict(priority=decides, **surface(contact.finger, contact.rubber), **_TOUCHING)
+        rubber = dict(priority=decides, **surface_options(contact.finger, contact.rubber), **_TOUCHING)
         _add_shape(body, contact.hand.shaft, _DARK, SHAFT, **housing, **_TOUCHING)
         _add_shape(body, contact.hand.tip, _DARK, TIP, **rubber)
         actuator = spec.add_actuator(
@@ -279,7 +281,7 @@ def _add_object(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) -> i
     half = np.asarray(domain.half_size)
     body = spec.worldbody.add_body(name=OBJECT, pos=[0.5, 0, half[2]])
     body.add_freejoint(name=OBJECT)
-    shape = dict(group=3, **surface(OBJECT_FRICTION, contact.hard))
+    shape = dict(group=3, **surface_options(OBJECT_FRICTION, contact.hard))
     touching = dict(contype=OBJECT_BIT, conaffinity=ENVIRONMENT_BIT | ROBOT_BIT)
     is_soft = domain.object is not None and domain.object.compliance is not None
     body.add_geom(
@@ -322,7 +324,7 @@ def _add_supports(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) ->
             group=4,
             contype=SUPPORT_BIT,
             conaffinity=0,
-            **surface(OBJECT_FRICTION, contact.hard),
+            **surface_options(OBJECT_FRICTION, contact.hard),
         )
 
 

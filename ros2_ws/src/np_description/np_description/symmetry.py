@@ -48,7 +48,7 @@ def _upright(domain: Domain) -> np.ndarray:
     return layout - layout.mean(axis=0)
 
 
-def naming(domain: Domain, goal_keypoints):
+def canonical_rotation(domain: Domain, goal_keypoints):
     """Which of `symmetries` (...,) a policy of the domain sees the object under, for goals at normalised keypoints
     (..., 8, 2), NumPy or PyTorch: the one whose corners lie most as an upright object's do, seen by the nominal camera.
     0, the identity, where the domain's faces are not interchangeable."""
@@ -63,8 +63,8 @@ def naming(domain: Domain, goal_keypoints):
     return ((about[..., orders, :] - upright) ** 2).sum(-1).sum(-1).argmin(-1)
 
 
-def renamed(domain: Domain, keypoints, goal_keypoints):
+def canonicalize_keypoints(domain: Domain, keypoints, goal_keypoints):
     """Keypoints (8, k) and goal keypoints (8, k), of which the first two are normalised image coordinates, in the order
     in which a policy of the domain sees them; NumPy."""
-    order = corner_orders(domain.half_size)[naming(domain, goal_keypoints[..., :2])]
+    order = corner_orders(domain.half_size)[canonical_rotation(domain, goal_keypoints[..., :2])]
     return keypoints[order], goal_keypoints[order]

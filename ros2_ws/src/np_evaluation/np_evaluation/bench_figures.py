@@ -50,14 +50,14 @@ def static_figures() -> dict[str, object]:
     return static_bench.figures(static_bench.results())
 
 
-def alone_figures(domain: Domain, weights: str) -> dict[str, object]:
+def in_process_figures(domain: Domain, weights: str) -> dict[str, object]:
     """An episode in one process, by engine: processor time of a control period, ticks and plan shared out, beside the engine's own step in it."""
-    from np_evaluation.in_process import OneProcess
+    from np_evaluation.in_process import InProcessRollout
     from np_physx_bridge.library import missing
 
     figures: dict[str, object] = {}
     for name in ("mujoco", *([] if missing() else ["physx"])):
-        played, spent = OneProcess(domain, name, weights=weights), []
+        played, spent = InProcessRollout(domain, name, weights=weights), []
         played.time_engine(spent.append)
         began = time.process_time()
         result = played.play(0)
@@ -103,19 +103,19 @@ def policy_figures(domain: Domain, weights: str, repeats: int = 300) -> dict[str
 
     from np_perception.pose_estimation import project_keypoints
     from np_policy.contract import POST_CONTACT, PolicyContract, weights_file
-    from np_policy.networks import PostContactPolicy
+    from np_policy.networks import PostContactNetwork
     from np_policy.observation import POST_SIZE
-    from np_policy.policy import PostContactController
+    from np_policy.policy import PostContactPolicy
     from np_policy.weights import load
 
     torch.set_num_threads(1)
     file = weights_file(POST_CONTACT, domain, weights)
-    controller = PostContactController(file, domain)
+    controller = PostContactPolicy(file, domain)
     start, goal = sample_task(domain, np.random.default_rng(0))
     here, there = project_keypoints(domain, start), project_keypoints(domain, goal)
     q, dq = np.concatenate([NOMINAL.ready, np.zeros(2)]), np.zeros(9)
     figures = milliseconds(lambda: controller.act(q, dq, here, there), repeats)
-    network, state = load(PostContactPolicy(), file, PolicyContract.of(POST_CONTACT, domain)), torch.zeros(POST_SIZE)
+    network, state = load(PostContactNetwork(), file, PolicyContract.of(POST_CONTACT, domain)), torch.zeros(POST_SIZE)
 
     def plain():
         with torch.inference_mode():
@@ -129,7 +129,7 @@ def planner_figures(domain: Domain, tasks: int = 10) -> dict[str, object]:
     """Planning the approach to the object's top from random postures, against RRT-Connect alone."""
     from np_planning.approach import ApproachConfig, plan_approach
     from np_planning.collision import CollisionModel
-    from np_planning.rrt import Budget, PlanningError
+    from np_planning.rrt import PlanningBudget, PlanningError
 
     collision = CollisionModel(domain)
     down = np.array([0.0, 1.0, 0.0, 0.0])  # the hand points at the table
@@ -141,7 +141,7 @@ def planner_figures(domain: Domain, tasks: int = 10) -> dict[str, object]:
             if collision.is_free(joints):
                 return joints
 
-    def plan(budget: Budget) -> dict[str, object]:
+    def plan(budget: PlanningBudget) -> dict[str, object]:
         seconds, durations, failures = [], [], 0
         for seed in range(tasks):
             rng = np.random.default_rng(seed)
@@ -164,5 +164,5 @@ def planner_figures(domain: Domain, tasks: int = 10) -> dict[str, object]:
             "motion_s": round(float(np.median(durations)), 2) if durations else None,
         }
 
-    full, first = plan(Budget()), plan(Budget(improve=0))
+    full, first = plan(PlanningBudget()), plan(PlanningBudget(improve=0))
     return {"tasks": tasks, **full, "peer": "RRT-Connect alone", **{f"peer_{k}": v for k, v in first.items()}}

@@ -24,18 +24,18 @@ from np_description.force_reflex import DEFAULT_MODE
 from np_description.mujoco_engine import MujocoEngine
 from np_description.panda import JOINT_NAMES
 from np_description.phases import FAULT, POST, PRE, PhaseState
-from np_evaluation.corrections import CorrectedDriver, CorrectedView, corrections
-from np_evaluation.keypoint_projector import DetectorEyes
+from np_evaluation.calibration_corrections import CompensatedArm, CompensatedView, corrections
+from np_evaluation.keypoint_projector import DetectedKeypoints
 from np_evaluation.scoring import Result, engine_version, result_of
+from np_perception.occluded_keypoints import OccludedKeypointBuffer
 from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints
-from np_perception.seen_corners import SeenCorners
 from np_planning.approach import plan_approach
 from np_planning.collision import CollisionModel
 from np_planning.rrt import PlanningError
 from np_policy.action import PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, weights_file
 from np_policy.episode import SECOND, Episode, EpisodeConfig, Event
-from np_policy.policy import PostContactController, PreContactPlanner
+from np_policy.policy import PostContactPolicy, PreContactPolicy
 from np_record.outcome import score
 from np_sim_bridge.simulation import Simulation
 
@@ -43,7 +43,7 @@ TICK = SECOND // 10  # ns
 IMAGE = SECOND // 30  # ns
 
 
-def engine_called(name: str) -> MakeEngine:
+def find_engine(name: str) -> MakeEngine:
     """The engine mujoco or physx. Raises OSError where the second is not installed."""
     if name == "mujoco":
         return MujocoEngine
@@ -52,9 +52,9 @@ def engine_called(name: str) -> MakeEngine:
     return PhysxEngine
 
 
-class OneProcess:
+class InProcessRollout:
     """A domain's graph as one object. alone: contacts are chosen as if the object had the size that the weights know; patch: what arm,
-    scene and view have that policies and planner do not know of; corrected: what detector and driver are told of it (`np_evaluation.corrections`);
+    scene and view have that policies and planner do not know of; corrected: what detector and driver are told of it (`np_evaluation.calibration_corrections`);
     weights: folder, "" for the project's own; keypoints: truth or camera; force_reflex: stop or observe."""
 
     def __init__(
@@ -73,12 +73,12 @@ class OneProcess:
     ):
         self._told = corrections(corrected)
         self._domain, self._seed, self._contacts, self._patch = domain, seed, contacts, patch
-        self._engine, self._force_reflex = engine_called(engine), force_reflex
+        self._engine, self._force_reflex = find_engine(engine), force_reflex
         self._engine_named = {"engine": engine, "engine_version": engine_version(engine)}
         chosen_for = find_domain(domain.name) if alone else domain
-        self._pre = PreContactPlanner(weights_file(PRE_CONTACT, domain, weights), chosen_for)
-        self._post = PostContactController(weights_file(POST_CONTACT, domain, weights), domain)
-        self._images = DetectorEyes(domain, patch, seed, weights) if keypoints == "camera" else None
+        self._pre = PreContactPolicy(weights_file(PRE_CONTACT, domain, weights), chosen_for)
+        self._post = PostContactPolicy(weights_file(POST_CONTACT, domain, weights), domain)
+        self._images = DetectedKeypoints(domain, patch, seed, weights) if keypoints == "camera" else None
         self._collision = CollisionModel(domain)
 
     @property
@@ -118,7 +118,7 @@ class OneProcess:
             force_reflex=self._force_reflex,
         )
         eyes = self._eyes()
-        view, driver = CorrectedView(self._told, self._domain), CorrectedDriver(self._told)
+        view, driver = CompensatedView(self._told, self._domain), CompensatedArm(self._told)
         controller, guard = Controller(), SafetyFilter()
         guard.start(driver.read(arm.measure()).position[:7])
         config = EpisodeConfig(self._domain, contacts=self._contacts, success_share=self._domain.aim)
@@ -146,9 +146,9 @@ class OneProcess:
         result = result_of(number, outcome, time.monotonic() - began, force=arm.force.figures)
         return replace(result, **self._engine_named)
 
-    def _eyes(self) -> Eyes | DetectorEyes:
+    def _eyes(self) -> KeypointProjector | DetectedKeypoints:
         if self._images is None:
-            return Eyes(self._domain, self._patch, self._seed)
+            return KeypointProjector(self._domain, self._patch, self._seed)
         self._images.begin()
         return self._images
 
@@ -184,13 +184,13 @@ class OneProcess:
         return episode.trajectory(now.stamp, plan.trajectory.duration, plan.trajectory.positions[-1])
 
 
-class Eyes:
+class KeypointProjector:
     """The object's true corners as a patch's camera shows them, in the detector's place."""
 
     def __init__(self, domain: Domain, patch: Patch, seed: int):
         self._domain = domain
         self._view = CameraEffects(patch, CAMERA, seed) if patch.camera.effects else None
-        self._corners = SeenCorners(np.asarray(domain.half_size), self._view.oldest if self._view else 0.0)
+        self._corners = OccludedKeypointBuffer(np.asarray(domain.half_size), self._view.oldest if self._view else 0.0)
         self._pose, self._next = None, 0
 
     def look(self, arm: Simulation) -> None:

@@ -13,10 +13,10 @@ from np_description.domains import Domain
 from np_perception.detector import KeypointDetector
 from np_sim_bridge.renderer import Renderer, make_renderer
 from np_sim_bridge.simulation import Simulation
-from np_sim_bridge.view import View
+from np_sim_bridge.view import SceneView
 
 
-class DetectorEyes:
+class DetectedKeypoints:
     """Images of one scene, drawn as the graph's are, one episode after the other; only of ticks, for nobody asks about another.
 
     domain, patch: of the scene; seed: of the view's scatter; weights: folder of the detector, "" for the project's own. Raises WeightsError
@@ -31,7 +31,7 @@ class DetectorEyes:
 
     def begin(self) -> None:
         """An episode begins."""
-        self._view = View(CameraEffects(self._patch, CAMERA, self._seed))
+        self._view = SceneView(CameraEffects(self._patch, CAMERA, self._seed))
 
     def look(self, arm: Simulation) -> None:
         """Once a control period: remember the scene where an image may show it later."""

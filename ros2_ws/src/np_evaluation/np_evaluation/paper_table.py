@@ -23,7 +23,7 @@ OURS = "ours"
 
 
 @dataclass(frozen=True)
-class Setting:
+class TableSettings:
     """What all cells of a table share: engine, source of keypoints, episodes a scenario, seed, folder of the results, folder
     of the weights ("": the project's own), and how often a contact may be chosen in an episode."""
 
@@ -37,7 +37,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Cell:
+class TableCell:
     """One object in one scenario."""
 
     domain: str
@@ -51,10 +51,10 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Played:
+class CellResult:
     """What came of a cell: its episodes in order, and what went wrong where it was not played ("": nothing)."""
 
-    cell: Cell
+    cell: TableCell
     results: tuple[Result, ...] = ()
     error: str = ""
 
@@ -64,11 +64,11 @@ class Played:
         return sum(result.success for result in self.results)
 
 
-def cells(
+def table_cells(
     domains: Iterable[str],
     objects: Sequence[str],
     scenarios: Collection[int] = range(1, COUNT + 1),
-) -> list[Cell]:
+) -> list[TableCell]:
     """The table's cells, in the paper's order; objects: names, none for all.
 
     Raises ValueError for an object that no row of the domains has.
@@ -78,7 +78,7 @@ def cells(
     if unknown := sorted(set(objects) - names):
         raise ValueError(f"--objects: expected rows of {', '.join(domains)}, got {', '.join(unknown)}")
     return [
-        Cell(domain, name, scenario)
+        TableCell(domain, name, scenario)
         for domain in domains
         for name in rows_of(domain)
         if not objects or name in objects
@@ -86,7 +86,7 @@ def cells(
     ]
 
 
-def play(cell: Cell, setting: Setting) -> Played:
+def play_cell(cell: TableCell, setting: TableSettings) -> CellResult:
     """Run `evaluate` on a cell, in a process and a ROS domain of its own; episodes that are there already are kept."""
     folder = setting.out / cell.folder
     folder.mkdir(parents=True, exist_ok=True)
@@ -108,27 +108,27 @@ def play(cell: Cell, setting: Setting) -> Played:
         done = subprocess.run(command, stdout=subprocess.PIPE, stderr=log, text=True, preexec_fn=end_with_parent)
     if done.returncode:
         words = (folder / "evaluate.log").read_text().strip().splitlines()
-        return Played(cell, error=words[-1] if words else f"evaluate ended with status {done.returncode}")
+        return CellResult(cell, error=words[-1] if words else f"evaluate ended with status {done.returncode}")
     file = Path(json.loads(done.stdout.splitlines()[-1])["results"])
-    return Played(cell, tuple(read_results(file)[: setting.tries]))
+    return CellResult(cell, tuple(read_results(file)[: setting.tries]))
 
 
-def found(cell: Cell, setting: Setting) -> tuple[Played, dict[str, object]]:
+def read_cell(cell: TableCell, setting: TableSettings) -> tuple[CellResult, dict[str, object]]:
     """What there is of a cell, played or broken off, and the settings that it was played with ({}: there is nothing); the latest where
     several are there. Raises ValueError for a file that holds no results."""
     files = sorted((setting.out / cell.folder).glob("*.jsonl"), key=lambda path: path.stat().st_mtime)
     if not files:
-        return Played(cell), {}
+        return CellResult(cell), {}
     with files[-1].open() as file:
         settings = json.loads(file.readline())["settings"]
-    return Played(cell, tuple(read_results(files[-1])[: setting.tries])), settings
+    return CellResult(cell, tuple(read_results(files[-1])[: setting.tries])), settings
 
 
-def rows(played: Iterable[Played]) -> list[dict[str, object]]:
+def table_rows(played: Iterable[CellResult]) -> list[dict[str, object]]:
     """A row for each object: successes and episodes by scenario and in all, rate with its 95 % interval (Wilson), the same
     with the first contact where some episodes had more, failures by phase and by what the graph said, what went wrong, and the
     paper's successes of its 15 tries."""
-    by_row: dict[tuple[str, str], list[Played]] = {}
+    by_row: dict[tuple[str, str], list[CellResult]] = {}
     for one in played:
         by_row.setdefault((one.cell.domain, one.cell.object), []).append(one)
     return [
@@ -146,16 +146,16 @@ def rows(played: Iterable[Played]) -> list[dict[str, object]]:
     ]
 
 
-def totals(played: Sequence[Played]) -> dict[str, dict[str, object]]:
+def table_totals(played: Sequence[CellResult]) -> dict[str, dict[str, object]]:
     """All cells together, and those of each domain: `ours`, `ours card` ..."""
-    groups: dict[str, list[Played]] = {}
+    groups: dict[str, list[CellResult]] = {}
     for one in played:
         groups.setdefault(OURS, []).append(one)
         groups.setdefault(f"{OURS} {one.cell.domain}", []).append(one)
     return {name: _total(group) for name, group in sorted(groups.items())}
 
 
-def episodes(played: Iterable[Played]) -> list[dict[str, object]]:
+def episodes(played: Iterable[CellResult]) -> list[dict[str, object]]:
     """Every episode, with its cell: what a table is made of, without how deep and how near to limits things were."""
     left_out = ("engine", "depths", "limit_shares")
     return [
@@ -169,7 +169,7 @@ def episodes(played: Iterable[Played]) -> list[dict[str, object]]:
     ]
 
 
-def _total(group: Sequence[Played]) -> dict[str, object]:
+def _total(group: Sequence[CellResult]) -> dict[str, object]:
     results = [result for one in group for result in one.results]
     told = (
         "success",

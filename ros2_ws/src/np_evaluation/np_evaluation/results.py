@@ -17,7 +17,7 @@ class Results:
     """Results so far, in a file that a killed run leaves complete up to its last finished episode.
 
     The file is <folder>/<hash of settings>.jsonl; its first line holds the settings. Episodes found in it, or in the parts
-    (`Part`) that a killed run has left beside it, are not run again, unless `fresh`; `results` has them in order, `kept` how many
+    (`PartialResults`) that a killed run has left beside it, are not run again, unless `fresh`; `results` has them in order, `kept` how many
     they are, `kept_from` when the last of them was run. The setting `revision` is only told: what it names may be edited, and
     another commit may hold the same code. Raises ValueError for a file that holds something else.
     """
@@ -90,7 +90,7 @@ class Results:
         return sorted(self.path.parent.glob(f"{self.path.stem}.*.part"))
 
 
-class Part:
+class PartialResults:
     """Where a process of its own puts down the results of its episodes, in order; `Results` collects them.
 
     `done`: how many are there already, of one that was lost with the process before.
@@ -113,7 +113,7 @@ def read_results(path: Path) -> list[Result]:
     return sorted((result for _, result in _read(path, _lines(path)[1:], 2)), key=lambda result: result.episode)
 
 
-def split(runs: list[range], jobs: int) -> list[range]:
+def split_runs(runs: list[range], jobs: int) -> list[range]:
     """Runs of episodes for so many processes, none much longer than another."""
     if not runs:
         return []

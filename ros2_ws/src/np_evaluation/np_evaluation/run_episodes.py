@@ -11,12 +11,12 @@ from typing import Protocol
 
 from np_common.cli import new_folder
 from np_description.phases import FAULT
-from np_evaluation.results import Part
+from np_evaluation.results import PartialResults
 from np_evaluation.scoring import Result, breakdown, engine_version, result_of
 from np_ros.processes.supervisor import NodeDied
 
 
-class Takes(Protocol):
+class ResultSink(Protocol):
     """Who takes results."""
 
     def add(self, result: Result) -> None:
@@ -24,7 +24,7 @@ class Takes(Protocol):
 
 
 @dataclass(frozen=True)
-class Request:
+class RunRequest:
     """Arguments of the graph but for the first episode, name of the engine, whether to record, folder of the logs."""
 
     arguments: Mapping[str, str]
@@ -34,7 +34,10 @@ class Request:
 
 
 def play(
-    request: Request, numbers: range, results: Takes, on_tick: Callable[[int, float], None] = lambda number, s: None
+    request: RunRequest,
+    numbers: range,
+    results: ResultSink,
+    on_tick: Callable[[int, float], None] = lambda number, s: None,
 ) -> None:
     """Run episodes one after the other, and add what came of them; on_tick is told an episode's number and its time, s.
 
@@ -56,15 +59,15 @@ def play(
             print(f"episode {number - 1}: {result.reason}\nlogs are in {logs}", file=sys.stderr)
 
 
-def play_part(request: Request, numbers: range, part: Path) -> None:
+def play_part(request: RunRequest, numbers: range, part: Path) -> None:
     """`play`, with results in a file of its own; goes on where a process that was lost has ended."""
-    results = Part(part)
+    results = PartialResults(part)
     play(request, numbers[results.done :], results)
 
 
 def _run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
     """One episode, and whether the graph is still whole."""
-    from np_ros.client.participant import GraphError
+    from np_ros.client.supervised_client import GraphError
 
     began = time.monotonic()
     try:

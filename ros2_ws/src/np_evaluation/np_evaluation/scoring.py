@@ -19,7 +19,7 @@ from np_common.intervals import wilson_interval
 from np_control import force_watch
 from np_control.force_watch import ForceFigures
 from np_description import limit_share
-from np_description.contact.depths import Tally
+from np_description.contact.depths import DepthHistogram
 from np_description.phases import SUCCEEDED
 from np_description.weights.released import sha256
 
@@ -70,7 +70,7 @@ def result_of(
     episode: int,
     outcome: Outcome,
     wall_s: float,
-    depths: Tally | None = None,
+    depths: DepthHistogram | None = None,
     shares: np.ndarray | None = None,
     force: ForceFigures | None = None,
 ) -> Result:
@@ -119,7 +119,7 @@ def summary(results: list[Result]) -> dict[str, object]:
         "failures": dict(sorted(Counter(r.failed_in for r in results if not r.success).items())),
         "declared_wrongly": sum(r.declared == SUCCEEDED and not r.success for r in results),
         "missed": sum(r.declared != SUCCEEDED and r.success for r in results),
-        "depth_mm": Tally.summary(Tally(r.depths) for r in results).as_dict(),
+        "depth_mm": DepthHistogram.summary(DepthHistogram(r.depths) for r in results).as_dict(),
         "limit_share": limit_share.summary(np.array(r.limit_shares) for r in results if r.limit_shares),
         **force_watch.summary(ForceFigures(**r.force) for r in results if r.force),
         "wall_s": round(sum(r.wall_s for r in results), 1),

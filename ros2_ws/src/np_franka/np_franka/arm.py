@@ -7,8 +7,8 @@ from time import monotonic
 
 import numpy as np
 
-from np_franka.checklist import READY_MODE, Facts
-from np_franka.client import Aborted, ArmError, Client, Lost, Reading
+from np_franka.checklist import READY_MODE, RobotFacts
+from np_franka.client import ArmError, ArmReading, Client, ConnectionLost, MotionAborted
 
 SETTLING = 0.5  # s that states on their way may be older than the last recovery
 
@@ -38,7 +38,7 @@ class Arm:
         self._client = self._open()
         self._ask("set_collision_behavior", *self._thresholds)
 
-    def facts(self) -> Facts:
+    def facts(self) -> RobotFacts:
         """What the robot says of itself before it is moved."""
         deadline = monotonic() + SETTLING
         while (facts := self._ask("facts")).mode != READY_MODE and monotonic() < deadline:
@@ -50,7 +50,7 @@ class Arm:
         self._ask("start")
         self.is_controlled = True
 
-    def read(self) -> Reading:
+    def read(self) -> ArmReading:
         """Wait for the next state."""
         return self._ask("read")
 
@@ -75,9 +75,9 @@ class Arm:
             raise ArmError("not connected to the robot")
         try:
             return getattr(self._client, method)(*arguments)
-        except Lost:
+        except ConnectionLost:
             self.close()
             raise
-        except Aborted:
+        except MotionAborted:
             self.is_controlled = False
             raise

@@ -19,7 +19,7 @@ MASS_TOLERANCE = 0.1  # kg: less than any other tool differs, more than rounding
 
 
 @dataclass(frozen=True)
-class Facts:
+class RobotFacts:
     """What the robot says of itself.
 
     mode: the robot's own word; errors: those that it has, or empty; end_effector_mass, load_mass kg: what it
@@ -45,7 +45,7 @@ class Checklist:
     damping_ratio: np.ndarray
     limits: SafetyLimits
 
-    def problems(self, facts: Facts | None, now: datetime | None = None) -> list[str]:
+    def problems(self, facts: RobotFacts | None, now: datetime | None = None) -> list[str]:
         """Why the arm must not be moved, each in one line; empty if it may.
 
         facts: None of a robot that is under control, and so in order. now: None for the time it is.
@@ -84,13 +84,13 @@ class Checklist:
         return []
 
 
-def _mode(facts: Facts) -> list[str]:
+def _mode(facts: RobotFacts) -> list[str]:
     if facts.mode == READY_MODE:
         return []
     return [f"the robot's mode is {facts.mode}, expected {READY_MODE} ({facts.errors or 'no errors'})"]
 
 
-def _payload(facts: Facts) -> list[str]:
+def _payload(facts: RobotFacts) -> list[str]:
     expected = NOMINAL.inertials["hand"].mass
     total = facts.end_effector_mass + facts.load_mass
     if abs(total - expected) > MASS_TOLERANCE or facts.load_mass > MASS_TOLERANCE:

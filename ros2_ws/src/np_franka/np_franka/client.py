@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from np_franka.checklist import Facts
+from np_franka.checklist import RobotFacts
 
 MILLISECOND = 1_000_000  # ns
 ROBOT_OF_PROTOCOL = {3: "panda", 4: "panda", 5: "panda", **dict.fromkeys(range(6, 11), "fr3")}
@@ -22,16 +22,16 @@ class ArmError(OSError):
     """What the robot refused or reported, or how the connection broke, in one line."""
 
 
-class Lost(ArmError):
+class ConnectionLost(ArmError):
     """The connection is gone."""
 
 
-class Aborted(ArmError):
+class MotionAborted(ArmError):
     """The robot ended the motion; states still come."""
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class ArmReading:
     """One state of the robot.
 
     time: ns on the robot's clock, whole milliseconds. q (7,) rad, dq (7,) rad/s: joint side; torque (7,) Nm:
@@ -63,13 +63,13 @@ class Client(Protocol):
     def set_collision_behavior(self, torques: np.ndarray, wrench: np.ndarray) -> None:
         """Stop at external torques (7,) Nm of the joints, or at a wrench (6,) N, Nm at the hand."""
 
-    def facts(self) -> Facts:
+    def facts(self) -> RobotFacts:
         """What the robot says of itself, by the next state, while it is not controlled."""
 
     def start(self) -> None:
         """Begin to take torques."""
 
-    def read(self) -> Reading:
+    def read(self) -> ArmReading:
         """Wait for the next state."""
 
     def write(self, torque: np.ndarray, last: bool) -> None:
@@ -82,7 +82,7 @@ class Client(Protocol):
         """Leave the robot, which then holds itself; never raises."""
 
 
-def translated(method: Callable) -> Callable:
+def translate_errors(method: Callable) -> Callable:
     """A method of a client that raises what its `translate` makes of its package's `errors`."""
 
     @wraps(method)

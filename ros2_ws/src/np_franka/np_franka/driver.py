@@ -8,11 +8,11 @@ from time import monotonic, time_ns
 
 import numpy as np
 
-from np_control.controller import Answer
-from np_control.safety import Applied, Refusal, SafetyFilter, SafetyLimits, State
+from np_control.controller import ControllerOutput
+from np_control.safety import AppliedCommand, Refusal, SafetyFilter, SafetyLimits, State
 from np_franka.arm import Arm
 from np_franka.checklist import Checklist
-from np_franka.client import ArmError, Reading
+from np_franka.client import ArmError, ArmReading
 from np_franka.clock import RobotClock
 from np_franka.limits import CYCLE_NS
 from np_franka.onboard import Onboard
@@ -29,9 +29,9 @@ class Cycle:
     clamped: whether a target was cut to the workspace."""
 
     stamp: int
-    reading: Reading
-    applied: Applied
-    answer: Answer | None = None
+    reading: ArmReading
+    applied: AppliedCommand
+    answer: ControllerOutput | None = None
     refusal: Refusal | None = None
     clamped: bool = False
 
@@ -166,7 +166,7 @@ class Driver:
             pass  # it ends in any case, and the robot holds itself
         self.arm.close()
 
-    def _command(self, reading: Reading) -> tuple[Answer | None, Refusal | None]:
+    def _command(self, reading: ArmReading) -> tuple[ControllerOutput | None, Refusal | None]:
         """Let the controller on board command the arm, by the way every command takes."""
         if self.onboard is None:
             return None, None
@@ -204,7 +204,7 @@ class Driver:
         self.error = cause
         self.filter.fault(cause)
 
-    def _connect(self) -> Reading:
+    def _connect(self) -> ArmReading:
         self.arm.connect()
         reading = self._reading = self.arm.read()
         self.clock.begin(reading.time, self._host_time(), after=CYCLE_NS)
@@ -215,7 +215,7 @@ class Driver:
         self.times.clear()
         self.arm.start()
 
-    def _read(self) -> Reading:
+    def _read(self) -> ArmReading:
         before, reading = self._reading, self.arm.read()
         now = monotonic()
         if self._read_at is not None:

@@ -5,8 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pylibfranka as franka
 
-from np_franka.checklist import Facts
-from np_franka.client import MILLISECOND, Aborted, ArmError, Lost, Reading, mismatch, translated
+from np_franka.checklist import RobotFacts
+from np_franka.client import (
+    MILLISECOND,
+    ArmError,
+    ArmReading,
+    ConnectionLost,
+    MotionAborted,
+    mismatch,
+    translate_errors,
+)
 
 PACKAGE = "pylibfranka"
 UPRIGHT = [0.0, 0.0, -9.81]  # m/s^2, gravity in the frame of a base that stands on the table
@@ -19,7 +27,7 @@ class Fr3Client:
 
     errors = ERRORS
 
-    @translated
+    @translate_errors
     def __init__(self, hostname: str, *, enforce_realtime: bool):
         self._hostname = hostname
         realtime = franka.RealtimeConfig.kEnforce if enforce_realtime else franka.RealtimeConfig.kIgnore
@@ -27,29 +35,29 @@ class Fr3Client:
         self._robot = franka.Robot(hostname, realtime)
         self._model = self._robot.load_model()
 
-    @translated
+    @translate_errors
     def set_collision_behavior(self, torques: np.ndarray, wrench: np.ndarray) -> None:
         """Stop at external torques (7,) Nm, or at a wrench (6,) N, Nm; contact is told from half of it on."""
         self._robot.set_collision_behavior(torques / 2, torques, wrench / 2, wrench)
 
-    @translated
-    def facts(self) -> Facts:
+    @translate_errors
+    def facts(self) -> RobotFacts:
         """What the robot says of itself."""
         state = self._robot.read_once()
-        return Facts(state.robot_mode.name, _words(state.current_errors), state.m_ee, state.m_load)
+        return RobotFacts(state.robot_mode.name, _words(state.current_errors), state.m_ee, state.m_load)
 
-    @translated
+    @translate_errors
     def start(self) -> None:
         """Begin to take torques."""
         self._control = self._robot.start_torque_control()
 
-    @translated
-    def read(self) -> Reading:
+    @translate_errors
+    def read(self) -> ArmReading:
         """Wait for the next state."""
         state = self._control.readOnce()[0] if self._control else self._robot.read_once()
         state.O_ddP_O = UPRIGHT  # in place of the accelerometer's noise
         gravity = np.array(self._model.gravity(state))
-        return Reading(
+        return ArmReading(
             round(state.time.to_sec() * 1000) * MILLISECOND,
             np.array(state.q),
             np.array(state.dq),
@@ -62,7 +70,7 @@ class Fr3Client:
             state.control_command_success_rate,
         )
 
-    @translated
+    @translate_errors
     def write(self, torque: np.ndarray, last: bool) -> None:
         """Answer the state just read; the last torque ends the motion."""
         torques = franka.Torques(torque.tolist())
@@ -71,7 +79,7 @@ class Fr3Client:
         if last:
             self._control = None
 
-    @translated
+    @translate_errors
     def clear_errors(self) -> None:
         """Let the robot recover from its reflexes."""
         self._robot.automatic_error_recovery()
@@ -83,10 +91,10 @@ class Fr3Client:
     def translate(self, error: Exception) -> ArmError:
         """What an error of pylibfranka means."""
         if isinstance(error, franka.NetworkException):
-            return Lost(f"connection to {self._hostname}: {error}")
+            return ConnectionLost(f"connection to {self._hostname}: {error}")
         if isinstance(error, franka.ControlException):
             self._control = None
-            return Aborted(f"the robot aborted the motion: {error}")
+            return MotionAborted(f"the robot aborted the motion: {error}")
         return mismatch("fr3", PACKAGE, self._hostname, error) or ArmError(f"{type(error).__name__}: {error}")
 
 

@@ -10,8 +10,8 @@ from collections.abc import Generator
 
 import numpy as np
 
-from np_control.controller import Answer, Controller, ControllerConfig
-from np_control.following import RealtimeCommandInput
+from np_control.controller import Controller, ControllerConfig, ControllerOutput
+from np_control.realtime_input import RealtimeCommandInput
 from np_control.safety import Refusal, SafetyLimits
 from np_control.trajectory import Trajectory
 from np_description.phases import AT_REST
@@ -37,10 +37,10 @@ class Onboard:
         self._following.gains(None)
         self._thought: tuple[int, Generator[None, None, bool]] | None = None  # target that is being resolved
         self._is_engaged = False
-        self._first: Answer | None = None
+        self._first: ControllerOutput | None = None
         self._due: int | None = None
 
-    def answer(self, stamp: int, q: np.ndarray, dq: np.ndarray) -> Answer | None:
+    def answer(self, stamp: int, q: np.ndarray, dq: np.ndarray) -> ControllerOutput | None:
         """Joint target and torque for the state of `stamp` ns: q (7,) rad, dq (7,) rad/s; None while silent.
 
         Raises Refusal(not_finite).
@@ -110,7 +110,7 @@ class Onboard:
         if phase in AT_REST:
             self._due = self._thought = None
 
-    def _engage(self, first: Answer) -> None:
+    def _engage(self, first: ControllerOutput) -> None:
         """The first command asks for the measured posture, whatever is followed then."""
         if not self._is_engaged:
             self._is_engaged, self._first = True, first

@@ -1,6 +1,6 @@
 """The original Panda through `panda_py` (libfranka 0.9, protocol 5), for which no simulated robot exists.
 
-This libfranka calls back instead of being read and written (`np_franka.turnstile`). The package raises
+This libfranka calls back instead of being read and written (`np_franka.callback_loop`). The package raises
 RuntimeError for everything, and tells nothing of the motor side.
 """
 
@@ -9,9 +9,17 @@ from __future__ import annotations
 import numpy as np
 from panda_py import libfranka as franka
 
-from np_franka.checklist import Facts
-from np_franka.client import MILLISECOND, Aborted, ArmError, Lost, Reading, mismatch, translated
-from np_franka.turnstile import Turnstile
+from np_franka.callback_loop import CallbackLoopAdapter
+from np_franka.checklist import RobotFacts
+from np_franka.client import (
+    MILLISECOND,
+    ArmError,
+    ArmReading,
+    ConnectionLost,
+    MotionAborted,
+    mismatch,
+    translate_errors,
+)
 
 PACKAGE = "panda_py"
 NO_FILTER = 1000.0  # Hz: libfranka's kMaxCutoffFrequency, from which on it filters nothing
@@ -24,38 +32,38 @@ class PandaClient:
 
     errors = (*ERRORS, TimeoutError)
 
-    @translated
+    @translate_errors
     def __init__(self, hostname: str, *, enforce_realtime: bool):
         self._hostname = hostname
         realtime = franka.RealtimeConfig.kEnforce if enforce_realtime else franka.RealtimeConfig.kIgnore
         self._robot: franka.Robot | None = None
-        self._control: Turnstile | None = None
+        self._control: CallbackLoopAdapter | None = None
         self._robot = franka.Robot(hostname, realtime)
         self._model = self._robot.load_model()
 
-    @translated
+    @translate_errors
     def set_collision_behavior(self, torques: np.ndarray, wrench: np.ndarray) -> None:
         """Stop at external torques (7,) Nm, or at a wrench (6,) N, Nm; contact is told from half of it on."""
         self._robot.set_collision_behavior(*(values.tolist() for values in (torques / 2, torques, wrench / 2, wrench)))
 
-    @translated
-    def facts(self) -> Facts:
+    @translate_errors
+    def facts(self) -> RobotFacts:
         """What the robot says of itself."""
         state = self._robot.read_once()
-        return Facts(_mode(state), _words(state.current_errors), state.m_ee, state.m_load)
+        return RobotFacts(_mode(state), _words(state.current_errors), state.m_ee, state.m_load)
 
     def start(self) -> None:
         """Begin to take torques, as they are: neither filtered nor limited in rate by the client."""
-        self._control = Turnstile(
+        self._control = CallbackLoopAdapter(
             lambda callback: self._robot.control(callback, limit_rate=False, cutoff_frequency=NO_FILTER)
         )
 
-    @translated
-    def read(self) -> Reading:
+    @translate_errors
+    def read(self) -> ArmReading:
         """Wait for the next state."""
         state = self._control.read() if self._control else self._robot.read_once()
         gravity = np.array(self._model.gravity(state))  # of an upright base, by default
-        return Reading(
+        return ArmReading(
             round(state.time.to_sec() * 1000) * MILLISECOND,
             np.array(state.q),
             np.array(state.dq),
@@ -68,7 +76,7 @@ class PandaClient:
             state.control_command_success_rate,
         )
 
-    @translated
+    @translate_errors
     def write(self, torque: np.ndarray, last: bool) -> None:
         """Answer the state just read; the last torque ends the motion."""
         torques = franka.Torques(torque.tolist())
@@ -79,7 +87,7 @@ class PandaClient:
         self._control.finish(torques)
         self._control = None
 
-    @translated
+    @translate_errors
     def clear_errors(self) -> None:
         """Let the robot recover from its reflexes."""
         self._robot.automatic_error_recovery()
@@ -93,14 +101,14 @@ class PandaClient:
     def translate(self, error: Exception) -> ArmError:
         """What an error of panda_py means: it says so itself in words only; of the turnstile, that nobody answers."""
         if isinstance(error, TimeoutError):
-            return Lost(f"connection to {self._hostname}: {error}")  # `close` then ends the motion
+            return ConnectionLost(f"connection to {self._hostname}: {error}")  # `close` then ends the motion
         was_controlled, self._control = self._control is not None, None
         if refusal := mismatch("panda", PACKAGE, self._hostname, error):
             return refusal
         if not self._answers():
-            return Lost(f"connection to {self._hostname}: {error}")
+            return ConnectionLost(f"connection to {self._hostname}: {error}")
         if was_controlled:
-            return Aborted(f"the robot aborted the motion: {error}")
+            return MotionAborted(f"the robot aborted the motion: {error}")
         return ArmError(f"{self._hostname}: {error}")
 
     def _answers(self) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 
 from np_description.calibration import Lens
 from np_perception.camera.frame_clock import ClockMapper
-from np_perception.camera.source import CameraError, Frame
+from np_perception.camera.source import CameraError, CameraFrame
 
 # Ns: the camera counts microseconds in 32 bits, and begins anew every 71.6 minutes
 COUNTER_WRAPS = 2**32 * 1000
@@ -25,7 +25,7 @@ _SETTLING = 10  # frames after the start that are not used: exposure and clock s
 
 
 @dataclass(frozen=True)
-class Settings:
+class RealSenseSettings:
     """width, height px and rate Hz: of the stream. exposure s, gain (the SDK's units), white_balance K.
     latency s: what the stamps are to be earlier, for the least delay that no clock can see."""
 
@@ -65,10 +65,10 @@ def find_device(serial: str = ""):
 
 
 class RealSense:
-    """An opened colour stream: a np_perception.camera.source.Source. Raises CameraError if the camera cannot
+    """An opened colour stream: a np_perception.camera.source.CameraSource. Raises CameraError if the camera cannot
     do it."""
 
-    def __init__(self, device, settings: Settings = Settings()) -> None:
+    def __init__(self, device, settings: RealSenseSettings = RealSenseSettings()) -> None:
         self._rs = rs = sdk()
         self._settings = settings
         self._clock = ClockMapper(COUNTER_WRAPS)
@@ -129,7 +129,7 @@ class RealSense:
         if (got := self._sensor.get_option(option)) != value:
             raise CameraError(f"camera: option {option}: set to {value:g}, it says {got:g}")
 
-    def read(self, timeout: float) -> Frame | None:
+    def read(self, timeout: float) -> CameraFrame | None:
         """See Source."""
         try:
             came, frame = self._queue.try_wait_for_frame(max(1, round(1e3 * timeout)))
@@ -143,7 +143,7 @@ class RealSense:
         if self._unused:
             self._unused -= 1
             return None
-        return Frame(stamp, pixels)
+        return CameraFrame(stamp, pixels)
 
     def _stamp(self, frame, arrival: int) -> int:
         """When the frame was taken, ns of the host's clock; the middle of the exposure where the camera tells

@@ -23,7 +23,7 @@ IMAGE_SHAPE = (CAMERA.height, CAMERA.width, 3)
 
 
 @dataclass(frozen=True)
-class Detection:
+class KeypointDetection:
     """pixels (8, 2) float32: u, v px of the corners, keypoint order, hidden ones included; scores (8,)
     float32: the probability that the pixel is within 3 px of the true corner."""
 
@@ -67,12 +67,12 @@ class KeypointDetector:
         _check(path, self.information, domain)
         self.detect(np.zeros(IMAGE_SHAPE, np.uint8))  # the first run allocates; a node's first image should not wait
 
-    def detect(self, image: np.ndarray) -> Detection:
+    def detect(self, image: np.ndarray) -> KeypointDetection:
         """Corners in an RGB image (224, 224, 3) uint8. Raises ValueError for any other shape or type."""
         if image.shape != IMAGE_SHAPE or image.dtype != np.uint8:
             raise ValueError(f"image: expected {IMAGE_SHAPE} uint8, got {image.shape} {image.dtype}")
         pixels, scores = self._session.run(("pixels", "scores"), {"image": image[None]})
-        return Detection(pixels[0].reshape(COUNT, 2), scores[0].reshape(COUNT))
+        return KeypointDetection(pixels[0].reshape(COUNT, 2), scores[0].reshape(COUNT))
 
 
 def _check(path: Path, information: dict[str, str], domain: Domain) -> None:

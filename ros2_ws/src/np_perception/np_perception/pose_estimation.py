@@ -46,18 +46,18 @@ class PoseEstimate:
         return float(np.arccos(min(1.0, np.abs(matrix_from_quaternion(self.pose.quaternion)[2]).max())))
 
 
-def usable(keypoints, min_score: float) -> np.ndarray:
+def usable_keypoints(keypoints, min_score: float) -> np.ndarray:
     """Which of keypoints (8, 3) u px, v px, score may be used: finite and with at least `min_score`; (8,) bool."""
     keypoints = np.asarray(keypoints, float)
     return np.isfinite(keypoints).all(axis=1) & (keypoints[:, 2] >= min_score)
 
 
-def are_enough(keypoints, min_score: float) -> bool:
+def has_enough_keypoints(keypoints, min_score: float) -> bool:
     """Whether MIN_POINTS of keypoints (8, 3) or more are usable; None for a message that could not be read."""
-    return keypoints is not None and bool(usable(keypoints, min_score).sum() >= MIN_POINTS)
+    return keypoints is not None and bool(usable_keypoints(keypoints, min_score).sum() >= MIN_POINTS)
 
 
-def check_rests(keypoints, domain: Domain, *, min_score: float = 0.3, camera: Camera = CAMERA) -> None:
+def check_resting(keypoints, domain: Domain, *, min_score: float = 0.3, camera: Camera = CAMERA) -> None:
     """Raises PoseError where an object that nobody touches rests on none of its faces by its keypoints (8, 3): where only a pose tilted by
     TILTED explains them within LIES. Then it is another object, or has other colours. What no pose explains is left to `estimate_pose`."""
     try:
@@ -100,7 +100,7 @@ def estimate_pose(
     keypoints or without a pose that explains them.
     """
     keypoints = np.asarray(keypoints, float)
-    good = usable(keypoints, min_score)
+    good = usable_keypoints(keypoints, min_score)
     if good.sum() < MIN_POINTS:
         raise PoseError(
             f"expected at least {MIN_POINTS} of 8 keypoints with a score of {min_score:g} or more, got {good.sum()}"

@@ -19,10 +19,10 @@ from np_description.panda import (
     STATE_NAMES,
     PandaModel,
 )
-from np_description.scene import FINGER_DAMPING, FINGER_STIFFNESS, OBJECT, contact_of, load_model
+from np_description.scene import FINGER_DAMPING, FINGER_STIFFNESS, OBJECT, contact_model, load_model
 from np_description.scene_change import UNCHANGED, SceneChange
 from np_physx_bridge.library import sapien
-from np_physx_bridge.scene import STICTION, Translator, scene, steps_for
+from np_physx_bridge.scene import STICTION, Translator, count_substeps, scene
 from np_sim_bridge.schedule import PERIOD, SECOND
 
 VERSION = "1"
@@ -59,11 +59,11 @@ class PhysxEngine:
         # As the scene's joints have it: the arm's viscous damping is no part of its drives, the fingers' is.
         self._damping = panda.damping
         self._finger_damping = FINGER_DAMPING + float(self.model.dof_damping[self._dof(STATE_NAMES[-1])])
-        self._contact = change.contact(contact_of(domain, contact))
+        self._contact = change.contact(contact_model(domain, contact))
         first = self.model.joint(OBJECT).id + 1
         self._part_names = [self.model.joint(joint).name for joint in range(first, self.model.njnt)]
         mass = float(self.model.body_subtreemass[self.model.body(OBJECT).id])
-        self._substeps = substeps * steps_for(mass, is_rigid=not self._part_names)
+        self._substeps = substeps * count_substeps(mass, is_rigid=not self._part_names)
         self._timestep = PERIOD / SECOND / self._substeps
 
     def _dof(self, joint: str) -> int:

@@ -16,11 +16,11 @@ from np_description.contact.model import RUBBER_STIFFNESS, ContactModel
 from np_description.contact.penetration import kind_of
 from np_description.scene import OBJECT, TIP
 from np_physx_bridge.shapes import (
-    along,
-    from_x,
     lie_on_edges,
-    placed,
+    place_shape,
     press_with_corners,
+    rotation_from_x,
+    sphere_positions,
     stand_on_corners,
 )
 
@@ -54,7 +54,7 @@ def coefficient(contact: ContactModel, friction: float, is_object: bool) -> floa
     return contact.table if is_object else max(0.0, 2 * friction - contact.table)
 
 
-def steps_for(mass: float, *, is_rigid: bool) -> int:
+def count_substeps(mass: float, *, is_rigid: bool) -> int:
     """In how many steps the engine does 2 ms for an object of so many kg: one from LIGHT on."""
     # A float of .008 over another must not make 2 of 1.
     wanted = int(np.ceil(LIGHT / mass - 1e-6))
@@ -152,7 +152,7 @@ class Translator:
             return ""
         number = int(model.body_jntadr[body])
         # A joint of PhysX moves along or about its x axis.
-        turned = pose([0, 0, 0], from_x(model.jnt_axis[number]))
+        turned = pose([0, 0, 0], rotation_from_x(model.jnt_axis[number]))
         joint.pose_in_parent, joint.pose_in_child = frame * turned, turned
         joint.type = {HINGE: "revolute_unwrapped", SLIDE: "prismatic"}[int(model.jnt_type[number])]
         joint.set_limits([model.jnt_range[number]])
@@ -206,7 +206,7 @@ class Translator:
         pad.set_cmass_local_pose(place)
         x, y, z = model.geom_size[geom]
         pad.set_inertia(PAD_MASS / 3 * np.array([y * y + z * z, x * x + z * z, x * x + y * y]))
-        joint, axis = pad.joint, place * self._sapien.Pose([0, 0, 0], from_x(np.array([0.0, 0, 1])))
+        joint, axis = pad.joint, place * self._sapien.Pose([0, 0, 0], rotation_from_x(np.array([0.0, 0, 1])))
         joint.type = "prismatic"
         joint.pose_in_parent, joint.pose_in_child = axis, axis
         joint.set_limits([[-PAD_STROKE, PAD_STROKE]])
@@ -260,12 +260,14 @@ class Translator:
         size, place = model.geom_size[geom], self._sapien.Pose(model.geom_pos[geom], model.geom_quat[geom])
         if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:  # along z in MuJoCo
             return [
-                placed(physx.PhysxCollisionShapeSphere(size[0], material), place * self._sapien.Pose([0, 0, z]))
-                for z in along(size[0], size[1])
+                place_shape(physx.PhysxCollisionShapeSphere(size[0], material), place * self._sapien.Pose([0, 0, z]))
+                for z in sphere_positions(size[0], size[1])
             ]
         if kind == mujoco.mjtGeom.mjGEOM_BOX:
-            return [placed(physx.PhysxCollisionShapeBox(size, material), place)]
+            return [place_shape(physx.PhysxCollisionShapeBox(size, material), place)]
         if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-            return [placed(physx.PhysxCollisionShapeSphere(size[0], material), place)]
-        turned = self._sapien.Pose([0, 0, 0], from_x(np.array([0.0, 0, 1])))  # a plane faces x in PhysX, z in MuJoCo
-        return [placed(physx.PhysxCollisionShapePlane(material), place * turned)]
+            return [place_shape(physx.PhysxCollisionShapeSphere(size[0], material), place)]
+        turned = self._sapien.Pose(
+            [0, 0, 0], rotation_from_x(np.array([0.0, 0, 1]))
+        )  # a plane faces x in PhysX, z in MuJoCo
+        return [place_shape(physx.PhysxCollisionShapePlane(material), place * turned)]

@@ -51,7 +51,7 @@ def press_with_corners(physx: ModuleType, box, half_size, material, pose) -> lis
 def _corners(physx: ModuleType, box, half_size, material, pose, radius: float, proud=0.0, signs=SIGNS) -> list:
     """Spheres in the corners of a box, `proud` m of its faces."""
     place, inner = box.get_local_pose(), np.asarray(half_size) - radius + proud
-    return [placed(physx.PhysxCollisionShapeSphere(radius, material), place * pose(s * inner)) for s in signs]
+    return [place_shape(physx.PhysxCollisionShapeSphere(radius, material), place * pose(s * inner)) for s in signs]
 
 
 def _outside(places: np.ndarray, outward) -> np.ndarray:
@@ -80,14 +80,14 @@ def lie_on_edges(physx: ModuleType, box, half_size, material, pose, outward=ALL_
             for along_it in np.linspace(length - half[axis], half[axis] - length, count):
                 middle[axis] = along_it
                 rod = physx.PhysxCollisionShapeCapsule(EDGE_RADIUS, max(length - EDGE_RADIUS, 1e-5), material)
-                rods.append(placed(rod, place * pose(middle, from_x(np.eye(3)[axis]))))
-    core = placed(physx.PhysxCollisionShapeBox(np.maximum(half - CORE, 0.5 * half), material), place)
+                rods.append(place_shape(rod, place * pose(middle, rotation_from_x(np.eye(3)[axis]))))
+    core = place_shape(physx.PhysxCollisionShapeBox(np.maximum(half - CORE, 0.5 * half), material), place)
     for shape in (*rods, core):
         shape.set_collision_groups([0, SURROUNDINGS_BIT, 1, 0])
     return [*rods, core]
 
 
-def along(radius: float, half_length: float) -> np.ndarray:
+def sphere_positions(radius: float, half_length: float) -> np.ndarray:
     """Places (n,) m, along its axis, of the spheres that a capsule is made of: between two of them it is SAGITTA thinner.
 
     PhysX's own capsule is not: beside an edge of a box it was seen too late, 6 mm deep and more in one approach of 20, and was
@@ -97,13 +97,13 @@ def along(radius: float, half_length: float) -> np.ndarray:
     return np.linspace(-half_length, half_length, 1 + int(np.ceil(2 * half_length / apart)))
 
 
-def placed(shape, pose):
+def place_shape(shape, pose):
     """The shape, at a pose in the frame of its body."""
     shape.set_local_pose(pose)
     return shape
 
 
-def from_x(axis: np.ndarray) -> np.ndarray:
+def rotation_from_x(axis: np.ndarray) -> np.ndarray:
     """Quaternion wxyz (4,) of a rotation that takes x to x, y or z."""
     half = np.sqrt(0.5)
     if np.allclose(axis, [1, 0, 0]):

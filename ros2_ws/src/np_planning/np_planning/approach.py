@@ -16,10 +16,10 @@ from np_control.kinematics import forward_kinematics, pose_distance, solve_ik
 from np_control.trajectory import Trajectory
 from np_description.domains import Pose
 from np_description.scene import OBJECT
-from np_planning.collision import CollisionModel, Touch
-from np_planning.rrt import Budget, PlanningError, find_path
-from np_planning.stand_off import CLEARANCE, gap
-from np_planning.time_parametrization import ACCELERATION_LIMIT, join, retime, round_corners
+from np_planning.collision import CloseBodies, CollisionModel
+from np_planning.rrt import PlanningBudget, PlanningError, find_path
+from np_planning.stand_off import CLEARANCE, finger_gap
+from np_planning.time_parametrization import ACCELERATION_LIMIT, join_trajectories, parametrize_path, round_corners
 
 
 class UnreachableError(PlanningError):
@@ -36,7 +36,7 @@ class ApproachConfig:
 
     standoff: length of the straight parts; object_depth, surface_depth: how far hand and fingers may reach into the
     object's estimated pose and into fixed surroundings, for estimates are not exact: a pose that reaches deeper into the object is
-    drawn out of it (`_Hand.drawn_out`); largest_lift: one that reaches deeper into the table is raised by up to this much; contact_speed: of the hand on the straight parts, m/s;
+    drawn out of it (`_Hand.penetration_retreat`); largest_lift: one that reaches deeper into the table is raised by up to this much; contact_speed: of the hand on the straight parts, m/s;
     velocity, acceleration: shares of the robot's limits; postures: inverse kinematics solutions looked for;
     limit_margin: distance kept from joint limits; resolution: between postures checked. With a clearance of 5 mm and
     0.9 m of reach, postures 0.01 rad apart leave no room for a contact between them.
@@ -52,18 +52,18 @@ class ApproachConfig:
     postures: int = 24
     limit_margin: float = 0.05
     resolution: float = 0.01
-    budget: Budget = field(default_factory=Budget)
+    budget: PlanningBudget = field(default_factory=PlanningBudget)
 
 
 @dataclass(frozen=True)
-class Approach:
-    """trajectory: the whole motion; lift: m by which the pose was raised out of the surroundings; drawn_out: m by which it was drawn
+class ApproachPlan:
+    """trajectory: the whole motion; lift: m by which the pose was raised out of the surroundings; penetration_retreat: m by which it was drawn
     out of the object; contact_start: s at which the last straight part begins."""
 
     trajectory: Trajectory
     lift: float
     contact_start: float
-    drawn_out: float = 0.0
+    penetration_retreat: float = 0.0
 
 
 _POSITION_TOLERANCE, _ANGLE_TOLERANCE = 5e-4, 2e-3  # m, rad: when inverse kinematics has arrived
@@ -80,7 +80,7 @@ def plan_approach(
     *,
     seed: int,
     config: ApproachConfig = ApproachConfig(),
-) -> Approach:
+) -> ApproachPlan:
     """Plan from joints (7,) rad to the hand pose `goal` (T_E in the base frame).
 
     opening: of each finger, m; objekt: estimated pose of the object in the base frame. Equal arguments give equal
@@ -94,16 +94,16 @@ def plan_approach(
     reason: PlanningError | None = None
     position = np.asarray(goal.position, float)
     postures = hand.postures(position, goal.quaternion, joints, seed)
-    out = hand.drawn_out(postures[0], objekt, goal, opening)
+    out = hand.penetration_retreat(postures[0], objekt, goal, opening)
     if out.any():
         position = position + out
         postures = hand.postures(position, goal.quaternion, joints, seed)
-    lift = hand.needed_lift(postures[0])
+    lift = hand.table_clearance(postures[0])
     if lift > 0:
         postures = hand.postures(position + np.array([0.0, 0.0, lift]), goal.quaternion, joints, seed)
     for posture in postures[:_CANDIDATES]:
         try:
-            arrive = hand.straight_away(posture)[::-1]
+            arrive = hand.straight_retreat(posture)[::-1]
             lower, upper = hand.bounds(leave[-1], arrive[0])
             path = find_path(
                 collision.is_free,
@@ -115,7 +115,9 @@ def plan_approach(
                 budget=config.budget,
                 resolution=config.resolution,
             )
-            return replace(_timed(collision, leave, path, arrive, lift, config), drawn_out=float(np.linalg.norm(out)))
+            return replace(
+                _timed(collision, leave, path, arrive, lift, config), penetration_retreat=float(np.linalg.norm(out))
+            )
         except PlanningError as error:
             reason = reason or error  # of the most natural posture
     raise reason
@@ -133,17 +135,17 @@ def _leave_start(hand: _Hand, joints) -> np.ndarray:
     if hand.collision.is_free(joints):
         return joints[None]
     try:
-        return hand.straight_away(joints)
+        return hand.straight_retreat(joints)
     except UnreachableError as error:
         raise StartError(f"start: the arm cannot get clear: {error}") from error
 
 
-def _timed(collision: CollisionModel, leave, path, arrive, lift: float, config: ApproachConfig) -> Approach:
+def _timed(collision: CollisionModel, leave, path, arrive, lift: float, config: ApproachConfig) -> ApproachPlan:
     velocity = config.velocity * collision.panda.velocity_limit
     acceleration = config.acceleration * ACCELERATION_LIMIT
 
     def slowly(line):
-        fast = retime(line, velocity, acceleration)
+        fast = parametrize_path(line, velocity, acceleration)
         points, _ = forward_kinematics(fast.positions)
         speed = np.linalg.norm(np.diff(points, axis=0), axis=1) / np.diff(fast.times)
         share = min(1.0, config.contact_speed / speed.max())
@@ -151,12 +153,12 @@ def _timed(collision: CollisionModel, leave, path, arrive, lift: float, config: 
 
     parts = [slowly(leave)] if len(leave) > 1 else []
     if np.linalg.norm(path[-1] - path[0]) > 1e-6:
-        parts.append(retime(round_corners(path, collision.is_free), velocity, acceleration))
+        parts.append(parametrize_path(round_corners(path, collision.is_free), velocity, acceleration))
     parts.append(slowly(arrive))
     whole = parts[0]
     for part in parts[1:]:
-        whole = join(whole, part)
-    return Approach(whole, lift, whole.duration - parts[-1].duration)
+        whole = join_trajectories(whole, part)
+    return ApproachPlan(whole, lift, whole.duration - parts[-1].duration)
 
 
 class _Hand:
@@ -199,7 +201,7 @@ class _Hand:
         """Lower and upper joint positions (7,) of the motion: limits with their margin, unless it begins beyond that."""
         return np.min([self._lower, *postures], axis=0), np.max([self._upper, *postures], axis=0)
 
-    def drawn_out(self, joints, objekt: Pose, goal: Pose, opening: float) -> np.ndarray:
+    def penetration_retreat(self, joints, objekt: Pose, goal: Pose, opening: float) -> np.ndarray:
         """The way (3,) m to where the fingers stand before the object's face as in training, along that face's normal, if the hand at
         joints (7,) rad is deeper in the object than it may be; else zeros.
 
@@ -209,10 +211,12 @@ class _Hand:
         if max(depths, default=0.0) <= self.config.object_depth:
             return np.zeros(3)
         rotation = matrix_from_quaternion(goal.quaternion)
-        apart, normal = gap(self.collision.domain, objekt.position, objekt.quaternion, goal.position, rotation, opening)
+        apart, normal = finger_gap(
+            self.collision.domain, objekt.position, objekt.quaternion, goal.position, rotation, opening
+        )
         return max(0.0, CLEARANCE - apart) * normal
 
-    def needed_lift(self, joints) -> float:
+    def table_clearance(self, joints) -> float:
         """How far m the hand has to be raised so that it is no deeper in fixed surroundings than it may be."""
         depths = [
             -touch.distance - self.config.surface_depth
@@ -227,7 +231,7 @@ class _Hand:
             )
         return max(0.0, lift)
 
-    def straight_away(self, joints) -> np.ndarray:
+    def straight_retreat(self, joints) -> np.ndarray:
         """Postures (n, 7) along a straight line of the hand from `joints` to a free posture; the first is `joints`.
 
         Tried: back along the fingers, up, and between the two. Raises UnreachableError with what is in the way.
@@ -268,7 +272,7 @@ class _Hand:
             if touch.distance < 0 and touch.distance < -self._allowed(touch):
                 raise UnreachableError(f"unreachable: {touch}")
 
-    def _allowed(self, touch: Touch) -> float:
+    def _allowed(self, touch: CloseBodies) -> float:
         if not touch.by_tool:
             return 0.0
         is_object = OBJECT in (touch.first, touch.second)

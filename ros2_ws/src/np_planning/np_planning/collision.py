@@ -21,7 +21,7 @@ _TOOL = ("panda_hand", *(finger.replace("_joint", "") for finger in NOMINAL.fing
 
 
 @dataclass(frozen=True)
-class Touch:
+class CloseBodies:
     """Two bodies that touch or come too close: names and distance m, negative for penetration."""
 
     first: str
@@ -68,7 +68,7 @@ class CollisionModel:
         mujoco.mj_collision(self.model, self.data)
         return self.data.ncon == 0
 
-    def touches(self, joints) -> list[Touch]:
+    def touches(self, joints) -> list[CloseBodies]:
         """Every pair nearer than the clearance at joints (7,) rad, the deepest first."""
         if self.is_free(joints):
             return []
@@ -76,7 +76,7 @@ class CollisionModel:
         for pair, distance in zip(contact.geom, contact.dist):
             names = tuple(self._name(geom) for geom in pair)
             found[names] = min(found.get(names, np.inf), float(distance))
-        touches = [Touch(*names, distance) for names, distance in found.items()]
+        touches = [CloseBodies(*names, distance) for names, distance in found.items()]
         return sorted(touches, key=lambda touch: touch.distance)
 
     def _name(self, geom: int) -> str:

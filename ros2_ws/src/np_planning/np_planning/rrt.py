@@ -22,7 +22,7 @@ class PlanningError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Budget:
+class PlanningBudget:
     """What one call of `find_path` may spend.
 
     first: collision checks until a first path must be there; improve: further checks for shorter ones; seconds: wall
@@ -62,7 +62,7 @@ def find_path(
     upper,
     *,
     seed: int,
-    budget: Budget = Budget(),
+    budget: PlanningBudget = PlanningBudget(),
     resolution: float = 0.02,
 ) -> np.ndarray:
     """Waypoints (n, 7) rad of a short free path from `start` to `goal`, both (7,) rad and free, ends included.
@@ -75,7 +75,7 @@ def find_path(
     if all(is_free(joints) for joints in densify(straight, resolution)):
         return straight  # nothing is shorter
     deadline = np.inf if budget.seconds is None else time.monotonic() + budget.seconds
-    search = _Search(is_free, start, goal, lower, upper, seed, resolution)
+    search = _TreeSearch(is_free, start, goal, lower, upper, seed, resolution)
     first = search.run(geometric.RRTConnect, budget.first, deadline)
     if first is None:
         limit = f" or {budget.seconds:g} s" if budget.seconds is not None else ""
@@ -101,7 +101,7 @@ class _Counted:
         return bool(self._is_free(state[0:DOF]))
 
 
-class _Search:
+class _TreeSearch:
     """One start and goal in OMPL's terms."""
 
     def __init__(self, is_free, start, goal, lower, upper, seed: int, resolution: float) -> None:

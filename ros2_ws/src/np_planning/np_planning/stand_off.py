@@ -14,7 +14,7 @@ CLEARANCE = 0.004  # m, of the fingers from the face, where training lets the ha
 _FINGER_BASE = np.subtract(NOMINAL.frames["hand_finger1"].position, NOMINAL.frames["hand_tcp"].position)
 
 
-def like(constant, array):
+def array_like(constant, array):
     """A constant as an array of the other's kind."""
     xp = namespace(array)
     return (
@@ -22,16 +22,16 @@ def like(constant, array):
     )
 
 
-def gap(domain: Domain, position, quaternion, hand, rotation, opening):
+def finger_gap(domain: Domain, position, quaternion, hand, rotation, opening):
     """How far (...) m the fingers of a hand are from the plane of the face before which it stands, negative beyond it; the normal
     (..., 3) of that face, which is the one that the ray from the object's centre to the hand leaves.
 
     position (..., 3) m, quaternion (..., 4): of the object; hand (..., 3) m, rotation (..., 3, 3): T_E; opening (...) m of each finger.
     All in the base frame.
     """
-    turn, half = matrix_from_quaternion(quaternion), like(domain.half_size, hand)
+    turn, half = matrix_from_quaternion(quaternion), array_like(domain.half_size, hand)
     local = ((hand - position)[..., None] * turn).sum(-2)
-    face = like(np.eye(3), hand)[abs(local / half).argmax(-1)]
+    face = array_like(np.eye(3), hand)[abs(local / half).argmax(-1)]
     outwards = face * (1.0 - 2.0 * (local < 0))
     normal = (turn * outwards[..., None, :]).sum(-1)
     apart = (outwards * local).sum(-1) - (face * half).sum(-1)
@@ -42,8 +42,8 @@ def _reach(domain: Domain, rotation, opening, direction):
     """How far (...) m the fingers reach along a direction (..., 3) from T_E."""
     xp, local, farthest = namespace(direction), (direction[..., None] * rotation).sum(-2), None
     for side in (1.0, -1.0):  # the second finger: half a turn about z
-        turned = local * like((side, side, 1.0), local)
-        base = (local * like(_FINGER_BASE, local)).sum(-1) + opening * turned[..., 1]
+        turned = local * array_like((side, side, 1.0), local)
+        base = (local * array_like(_FINGER_BASE, local)).sum(-1) + opening * turned[..., 1]
         for shape in domain.contact.hand.finger:
             reach = base + _support(shape, turned)
             farthest = reach if farthest is None else xp.maximum(farthest, reach)
@@ -52,7 +52,7 @@ def _reach(domain: Domain, rotation, opening, direction):
 
 def _support(shape: Shape, direction):
     """How far (...) m a shape reaches along a direction (..., 3) from its body's origin."""
-    centre = (direction * like(shape.centre, direction)).sum(-1)
+    centre = (direction * array_like(shape.centre, direction)).sum(-1)
     if isinstance(shape, BoxShape):
-        return centre + (abs(direction) * like(shape.half_size, direction)).sum(-1)
-    return centre + abs((direction * like(shape.half_axis, direction)).sum(-1)) + shape.radius
+        return centre + (abs(direction) * array_like(shape.half_size, direction)).sum(-1)
+    return centre + abs((direction * array_like(shape.half_axis, direction)).sum(-1)) + shape.radius

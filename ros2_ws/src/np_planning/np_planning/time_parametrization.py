@@ -48,7 +48,7 @@ def _b_spline(control: np.ndarray) -> np.ndarray:
     return np.concatenate(points)
 
 
-def retime(path, velocity_limit, acceleration_limit, period: float = 0.02) -> Trajectory:
+def parametrize_path(path, velocity_limit, acceleration_limit, period: float = 0.02) -> Trajectory:
     """The fastest trajectory along `path` (m, 7) rad, from rest to rest, sampled every `period` s.
 
     velocity_limit (7,) rad/s, acceleration_limit (7,) rad/s^2. Raises ValueError for a path without length.
@@ -98,7 +98,7 @@ def _sample(times, s, speed, path, tangent, period: float) -> Trajectory:
     return Trajectory(at, positions, velocities)
 
 
-def join(first: Trajectory, second: Trajectory) -> Trajectory:
+def join_trajectories(first: Trajectory, second: Trajectory) -> Trajectory:
     """`second` after `first`, which ends at rest where `second` begins."""
     return Trajectory(
         np.concatenate([first.times, first.duration + second.times[1:]]),

@@ -31,8 +31,10 @@ class ResidualLimits:
     rotation: float
 
 
-LOOSE = ResidualLimits(0.06, 0.1)  # where the paper's curriculum starts
-TIGHT = ResidualLimits(0.02, 0.03)  # zeta*, where it ends; what was deployed is in the weights' contract
+RESIDUAL_LIMITS_INITIAL = ResidualLimits(0.06, 0.1)  # where the paper's curriculum starts
+RESIDUAL_LIMITS_FINAL = ResidualLimits(
+    0.02, 0.03
+)  # zeta*, where it ends; what was deployed is in the weights' contract
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,14 @@ from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS
 from np_description.contact.definition import contact_definition
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
-from np_description.weights.contract import KEY, Contract, camera_intrinsics, keypoint_order, noted, warned
+from np_description.weights.contract import (
+    KEY,
+    Contract,
+    camera_intrinsics,
+    keypoint_order,
+    record_only,
+    warn_on_mismatch,
+)
 from np_description.weights.header import read_metadata
 from np_description.weights.released import WeightsError, weights_folder
 from np_policy import action, hand_pose, observation
@@ -49,13 +56,13 @@ class PolicyContract(Contract):
     camera: dict[str, float]
     controller: str
     policy_rate: float
-    residual_limits: dict[str, float] = noted()
+    residual_limits: dict[str, float] = record_only()
     stiffness_range: tuple[list[float], list[float]]
-    damping_ratio_range: tuple[float, float] = noted()  # `compare` sees to it
+    damping_ratio_range: tuple[float, float] = record_only()  # `compare` checks it
     joint_limits: dict[str, list[float]]
-    contact: dict[str, object] = warned("was trained under other contacts than those of this scene")
-    control_rate: float | None = noted(default=None)
-    target_delay: tuple[float, float] | None = noted(default=None)
+    contact: dict[str, object] = warn_on_mismatch("was trained under other contacts than those of this scene")
+    control_rate: float | None = record_only(default=None)
+    target_delay: tuple[float, float] | None = record_only(default=None)
 
     def compare(self, text: str | None, path: str | Path) -> list[str]:
         """As of every contract; the range of damping ratios has to lie within this one's."""
@@ -85,7 +92,10 @@ class PolicyContract(Contract):
             camera=camera_intrinsics(),
             controller=controller,
             policy_rate=float(policy_rate),
-            residual_limits={"position": action.TIGHT.position, "rotation": action.TIGHT.rotation},
+            residual_limits={
+                "position": action.RESIDUAL_LIMITS_FINAL.position,
+                "rotation": action.RESIDUAL_LIMITS_FINAL.rotation,
+            },
             stiffness_range=(STIFFNESS_MIN.tolist(), STIFFNESS_MAX.tolist()),
             damping_ratio_range=(DAMPING_RATIO_MIN, DAMPING_RATIO_MAX),
             joint_limits={

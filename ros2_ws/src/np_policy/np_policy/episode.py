@@ -20,9 +20,9 @@ from np_perception.pose_estimation import (
     LIES,
     MIN_POINTS,
     PoseError,
-    are_enough,
-    check_rests,
+    check_resting,
     estimate_pose,
+    has_enough_keypoints,
     project_keypoints,
 )
 
@@ -49,7 +49,7 @@ Event = PhaseState | Tick | Goal
 """What is to be published: the phase from now on, a tick, goal keypoints."""
 
 
-class Refused(ValueError):
+class InputRefusal(ValueError):
     """An input that makes no sense now; the message says why."""
 
 
@@ -119,11 +119,11 @@ class Episode:
         return self.phase in ACTIVE
 
     def start(self) -> list[Event]:
-        """Begin an episode with the newest goal. Raises Refused while one is under way or the backend holds."""
+        """Begin an episode with the newest goal. Raises InputRefusal while one is under way or the backend holds."""
         if self.is_active:
-            raise Refused(f"an episode is under way, in phase {self.phase}")
+            raise InputRefusal(f"an episode is under way, in phase {self.phase}")
         if self._fault:
-            raise Refused(f"the backend reports: {self._fault}")
+            raise InputRefusal(f"the backend reports: {self._fault}")
         self._forget()
         self.phase = PRE
         events: list[Event] = [PhaseState(PRE)]
@@ -135,9 +135,9 @@ class Episode:
         return events
 
     def stop(self) -> list[Event]:
-        """End the episode on request. Raises Refused if there is none."""
+        """End the episode on request. Raises InputRefusal if there is none."""
         if not self.is_active:
-            raise Refused(f"no episode is under way, the phase is {self.phase}")
+            raise InputRefusal(f"no episode is under way, the phase is {self.phase}")
         return self._fail("stopped on request")
 
     def goal(self, stamp: int, pose: Pose, sent: int = 0) -> list[Event]:
@@ -150,7 +150,7 @@ class Episode:
         before = self._goal
         # Both: a backend that was restarted has earlier stamps, and another computer may have an earlier clock.
         if before and stamp <= before.stamp and sent < self._goal_sent:
-            raise Refused(f"a goal of {stamp} ns, sent before the one of {before.stamp} ns that is in force")
+            raise InputRefusal(f"a goal of {stamp} ns, sent before the one of {before.stamp} ns that is in force")
         if before and not self._goal_used and stamp == before.stamp and (goal.keypoints == before.keypoints).all():
             return []  # said twice
         if before and stamp <= before.stamp:  # a backend that was restarted: its time begins anew
@@ -171,7 +171,7 @@ class Episode:
     def trajectory(self, stamp: int, duration: float, end: np.ndarray | None = None) -> list[Event]:
         """The plan for the keypoints of stamp ns: its duration s and, where it is known, last joints (7,) rad.
 
-        Raises Refused for a plan that nobody waits for.
+        Raises InputRefusal for a plan that nobody waits for.
         """
         if self.phase == APPROACH and stamp == self._planned_from:
             return []  # said twice
@@ -182,12 +182,12 @@ class Episode:
         return [PhaseState(APPROACH), *([self._tick(stamp)] if self.config.lockstep else [])]
 
     def refusal(self, stamp: int, reason: str = "") -> list[Event]:
-        """There is no plan for the keypoints of stamp ns, and why. Raises Refused where nobody waits for one."""
+        """There is no plan for the keypoints of stamp ns, and why. Raises InputRefusal where nobody waits for one."""
         self._take_plan(stamp)
         return self._fail(reason or "no plan")
 
     def _take_plan(self, stamp: int) -> None:
-        """The planner's answer to the keypoints of stamp ns begins the approach. Raises Refused."""
+        """The planner's answer to the keypoints of stamp ns begins the approach. Raises InputRefusal."""
         awaited = self._planned_from
         if (
             self.phase != PRE
@@ -198,7 +198,9 @@ class Episode:
                 else stamp >= max(self._goal.stamp, self._not_before, self._rest_ends)
             )
         ):
-            raise Refused(f"a plan for {stamp} ns, while the phase is {self.phase} and one is awaited for {awaited} ns")
+            raise InputRefusal(
+                f"a plan for {stamp} ns, while the phase is {self.phase} and one is awaited for {awaited} ns"
+            )
         self.phase = APPROACH
 
     def backend(self, fault: str) -> list[Event]:
@@ -251,7 +253,7 @@ class Episode:
         )
         if stamp < max(self._goal.stamp, self._not_before) or stamp <= self._last_tick or not due:
             return []
-        good = are_enough(keypoints, config.min_score)
+        good = has_enough_keypoints(keypoints, config.min_score)
         if self.phase == PRE:
             return self._decide_pre(stamp, keypoints, good)
         events: list[Event] = []
@@ -330,7 +332,7 @@ class Episode:
         if self._contact > 1:
             return ""
         try:
-            check_rests(keypoints, config.domain, min_score=config.min_score, camera=config.camera)
+            check_resting(keypoints, config.domain, min_score=config.min_score, camera=config.camera)
         except PoseError as error:
             return str(error)
         return ""

@@ -18,7 +18,7 @@ def mlp(inputs: int, hidden: tuple[int, ...], outputs: int) -> nn.Sequential:
     return nn.Sequential(*layers, nn.Linear(sizes[-1], outputs))
 
 
-class PostContactPolicy(nn.Module):
+class PostContactNetwork(nn.Module):
     """Observation (..., 79) to the mean action (..., 20) in [-1, 1]; `log_std` (20,) is used in training only."""
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class PostContactPolicy(nn.Module):
         return torch.tanh(self.net(state))
 
 
-class PreContactStudent(nn.Module):
+class PreContactNetwork(nn.Module):
     """Keypoints and goal (..., 32) to a hand pose (..., 10), see np_policy.hand_pose."""
 
     def __init__(self) -> None:

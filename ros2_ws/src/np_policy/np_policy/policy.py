@@ -16,15 +16,26 @@ from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose
 from np_description.objects.choice import DEFAULT
-from np_description.symmetry import renamed
+from np_description.symmetry import canonicalize_keypoints
 from np_description.weights.header import read_metadata
-from np_perception.pose_estimation import PoseError, are_enough, estimate_pose, project_keypoints, usable
+from np_perception.pose_estimation import (
+    PoseError,
+    estimate_pose,
+    has_enough_keypoints,
+    project_keypoints,
+    usable_keypoints,
+)
 from np_policy import action, hand_pose, weights
 from np_policy.action import PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, damping_floor, residual_limits
-from np_policy.networks import PostContactPolicy, PreContactStudent
+from np_policy.networks import PostContactNetwork, PreContactNetwork
 from np_policy.observation import post_contact_observation, student_observation
-from np_policy.other_size import carried_over, known_domain, known_in_place, sizes_known
+from np_policy.size_generalization import (
+    canonical_object_position,
+    find_trained_domain,
+    read_size_range,
+    transfer_contact_position,
+)
 
 
 @dataclass(frozen=True)
@@ -46,7 +57,7 @@ def student_output(output) -> PreContact:
     return PreContact(Pose(position, quaternion_from_matrix(rotation)), float(opening))
 
 
-class PreContactPlanner:
+class PreContactPolicy:
     """The pre-contact student.
 
     min_score: of keypoints that are used; policy_rate Hz: of the graph that it is to run in. `warnings`: how its
@@ -63,15 +74,15 @@ class PreContactPlanner:
         policy_rate: float = action.RATE,
     ) -> None:
         contract = PolicyContract.of(PRE_CONTACT, domain, policy_rate=policy_rate)
-        self._network, self.warnings = weights.load(PreContactStudent(), file, contract), contract.check(file)
+        self._network, self.warnings = weights.load(PreContactNetwork(), file, contract), contract.check(file)
         self._domain, self._camera, self._min_score = domain, camera, min_score
         metadata = read_metadata(file)
-        self._known = known_domain(domain, metadata.get("object", DEFAULT), sizes_known(metadata))
+        self._known = find_trained_domain(domain, metadata.get("object", DEFAULT), read_size_range(metadata))
 
     def propose(self, keypoints, goal) -> PreContact:
         """From keypoints and goal keypoints (8, 3): u px, v px, score. Raises PolicyError.
 
-        For an object of another size than the weights know a pose is chosen as `np_policy.other_size` says.
+        For an object of another size than the weights know a pose is chosen as `np_policy.size_generalization` says.
         """
         if self._known is None:
             return self._choose(self._domain, keypoints, goal)
@@ -81,7 +92,10 @@ class PreContactPlanner:
                 for points in (keypoints, goal)
             )
             shown = (
-                Pose(known_in_place(self._domain, self._known, pose.position, pose.quaternion), pose.quaternion)
+                Pose(
+                    canonical_object_position(self._domain, self._known, pose.position, pose.quaternion),
+                    pose.quaternion,
+                )
                 for pose in (objekt, end)
             )
             chosen = self._choose(self._known, *(project_keypoints(self._known, pose, self._camera) for pose in shown))
@@ -90,25 +104,27 @@ class PreContactPlanner:
                 f"pre-contact policy: expected keypoints with a pose, for a size it was not trained with: {error}"
             ) from error
         hand, rotation = chosen.pose.position, matrix_from_quaternion(chosen.pose.quaternion)
-        there = carried_over(
+        there = transfer_contact_position(
             self._domain, self._known, objekt.position, objekt.quaternion, hand, rotation, chosen.opening
         )
         return replace(chosen, pose=Pose(there, chosen.pose.quaternion))
 
     def _choose(self, domain: Domain, keypoints, goal) -> PreContact:
         here, there = (self._camera.normalise(np.asarray(points)[:, :2]) for points in (keypoints, goal))
-        return student_output(_infer(self._network, student_observation(*renamed(domain, here, there))))
+        return student_output(_infer(self._network, student_observation(*canonicalize_keypoints(domain, here, there))))
 
 
-PEEK_HEIGHT = 0.25  # m, of T_E: above what an upright hand hides from the nominal camera
-_UP = np.eye(action.SIZE)[2]  # as fast as the residual's limit lets the hand rise, gains in the middle of their ranges
+RETREAT_HEIGHT = 0.25  # m, of T_E: above what an upright hand hides from the nominal camera
+RETREAT_ACTION = np.eye(action.SIZE)[
+    2
+]  # as fast as the residual's limit lets the hand rise, gains in the middle of their ranges
 
 
-class PostContactController:
+class PostContactPolicy:
     """The post-contact policy with its memory: the last action and the last good keypoints.
 
-    peek_after: decisions without enough usable keypoints in a row after which the hand is drawn up, off the object and out of the
-    camera's way, until there are enough or it is PEEK_HEIGHT high; 0: never. policy_rate, `warnings`: as for PreContactPlanner. Raises WeightsError if its weights are missing or do not fit.
+    reobserve_after: decisions without enough usable keypoints in a row after which the hand is drawn up, off the object and out of the
+    camera's way, until there are enough or it is RETREAT_HEIGHT high; 0: never. policy_rate, `warnings`: as for PreContactPolicy. Raises WeightsError if its weights are missing or do not fit.
     """
 
     def __init__(
@@ -119,14 +135,14 @@ class PostContactController:
         min_score: float = 0.3,
         camera: Camera = CAMERA,
         policy_rate: float = action.RATE,
-        peek_after: int = 5,
+        reobserve_after: int = 5,
     ) -> None:
         contract = PolicyContract.of(POST_CONTACT, domain, policy_rate=policy_rate)
-        self._network, self.warnings = weights.load(PostContactPolicy(), file, contract), contract.check(file)
+        self._network, self.warnings = weights.load(PostContactNetwork(), file, contract), contract.check(file)
         self._limits = residual_limits(file)
         self._damping_floor = damping_floor(file)
         self._domain, self._camera, self._min_score = domain, camera, min_score
-        self._peek_after = peek_after
+        self._reobserve_after = reobserve_after
         self.reset()
 
     def reset(self) -> None:
@@ -143,15 +159,15 @@ class PostContactController:
         PolicyError.
         """
         position, rotation = forward_kinematics(np.asarray(q, float)[:7])
-        self._blind = 0 if are_enough(keypoints, self._min_score) else self._blind + 1
-        if self._peek_after and self._blind > self._peek_after:
-            self.last_action = _UP if position[2] < PEEK_HEIGHT else np.zeros(action.SIZE)
+        self._blind = 0 if has_enough_keypoints(keypoints, self._min_score) else self._blind + 1
+        if self._reobserve_after and self._blind > self._reobserve_after:
+            self.last_action = RETREAT_ACTION if position[2] < RETREAT_HEIGHT else np.zeros(action.SIZE)
             return action.decode(self.last_action, position, rotation, self._limits, self._damping_floor)
         seen = self._fill(keypoints)
         if seen is None:
             return action.decode(np.zeros(action.SIZE), position, rotation, self._limits, self._damping_floor)
         here, there = self._camera.normalise(seen), self._camera.normalise(np.asarray(goal)[:, :2])
-        here, there = renamed(self._domain, here, there)
+        here, there = canonicalize_keypoints(self._domain, here, there)
         state = post_contact_observation(
             np.asarray(q), np.asarray(dq), here, there, position, rotation, self.last_action
         )
@@ -166,7 +182,7 @@ class PostContactController:
         if keypoints is None:
             return self._keypoints
         keypoints = np.asarray(keypoints, float)
-        good = usable(keypoints, self._min_score)
+        good = usable_keypoints(keypoints, self._min_score)
         pixels = keypoints[:, :2]
         if not good.all():
             try:

@@ -41,7 +41,7 @@ class Message(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class TopicMessages:
     """The messages of one topic as a sequence, in the order of their time."""
 
     topic: Topic
@@ -114,7 +114,7 @@ class Recording:
         except Exception as error:  # damaged bytes end in any of a dozen types of exception
             raise self._unreadable(error) from error
 
-    def rows(self, *names: str) -> dict[str, Rows]:
+    def rows(self, *names: str) -> dict[str, TopicMessages]:
         """The messages of each named topic that the bag has."""
         wanted = {c.id: (topic, c) for topic, c in self._topics.values() if topic.name in names}
         columns: dict[int, tuple[list[int], list[bytes]]] = {number: ([], []) for number in wanted}
@@ -126,7 +126,7 @@ class Recording:
         except Exception as error:
             raise self._unreadable(error) from error
         return {
-            topic.name: Rows(topic, np.array(columns[number][0], np.int64), columns[number][1])
+            topic.name: TopicMessages(topic, np.array(columns[number][0], np.int64), columns[number][1])
             for number, (topic, _) in wanted.items()
         }
 

@@ -7,8 +7,8 @@ from typing import NoReturn
 
 import numpy as np
 
-from np_record.bag import Message, Rows
-from np_record.cdr import STAMP, TYPESTORE, layout, serialized
+from np_record.bag import Message, TopicMessages
+from np_record.cdr import STAMP, TYPESTORE, layout, serialize
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _ARRAYS = ("position", "velocity", "effort")
@@ -20,7 +20,7 @@ class BulkError(ValueError):
 
 
 def joint_states(
-    bag: str, topic: str, messages: Rows | None, names: Sequence[str] | None
+    bag: str, topic: str, messages: TopicMessages | None, names: Sequence[str] | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """(stamps (n,) ns, values (n, 3, k): position, velocity, effort), of these names in this order.
 
@@ -30,7 +30,7 @@ def joint_states(
     if not messages:
         return np.zeros(0, np.int64), np.zeros((0, 3, len(names or ())))
     place = f"{bag}: {topic} at {messages[0].stamp} ns"
-    first = decoded(place, messages[0])
+    first = decode_message(place, messages[0])
     wanted = list(first.name) if names is None else list(names)
     _check(place, first, wanted)
     fields = layout(JOINT_STATE, messages[0].data)
@@ -71,7 +71,7 @@ def joint_state_rows(messages: Sequence[bytes], names: Sequence[str]) -> np.ndar
     return values[np.isfinite(values).all(axis=(1, 2))]
 
 
-def serialized_joint_states(
+def serialize_joint_states(
     stamps: np.ndarray, names: Sequence[str], position: np.ndarray, velocity: np.ndarray, effort: np.ndarray
 ) -> Iterator[bytes]:
     """The bytes of JointStates at the stamps (n,) ns with an empty frame and arrays (n, len(names)) of float64."""
@@ -79,7 +79,7 @@ def serialized_joint_states(
     time = kinds["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
     header = kinds["std_msgs/msg/Header"](stamp=time, frame_id="")
     message = kinds[JOINT_STATE](header=header, name=list(names), position=zeros, velocity=zeros, effort=zeros)
-    template = serialized(message)
+    template = serialize(message)
     table = np.tile(np.frombuffer(template, np.uint8), (len(stamps), 1))
     rows = table.view(layout(JOINT_STATE, template))[:, 0]
     rows["stamp.sec"], rows["stamp.nanosec"] = stamps // _SECOND, stamps % _SECOND
@@ -89,7 +89,7 @@ def serialized_joint_states(
         yield row.tobytes()
 
 
-def decoded(place: str, message: Message):
+def decode_message(place: str, message: Message):
     """The message as an object. Raises BulkError where its bytes make none; place: what it is called there."""
     try:
         return message.decode()
@@ -99,7 +99,7 @@ def decoded(place: str, message: Message):
 
 def _refuse(bag: str, topic: str, message: Message, names: Sequence[str]) -> NoReturn:
     place = f"{bag}: {topic} at {message.stamp} ns"
-    _check(place, decoded(place, message), names)
+    _check(place, decode_message(place, message), names)
     raise BulkError(f"{place}: expected the frame of the first message")
 
 

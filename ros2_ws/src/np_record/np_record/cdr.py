@@ -61,7 +61,7 @@ def header_stamp(data: bytes) -> int:
     return seconds * 1_000_000_000 + nanoseconds
 
 
-def serialized(message) -> bytes:
+def serialize(message) -> bytes:
     """The bytes of a message made of the classes of TYPESTORE."""
     return TYPESTORE.serialize_cdr(message, message.__msgtype__)
 

@@ -19,7 +19,7 @@ from np_description.message_arrays import (
     pose_arrays,
     wrench_array,
 )
-from np_description.objects.choice import recorded_domain
+from np_description.objects.choice import read_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.phases import PRE, PhaseState
 from np_record.bag import BagError, Message, Recording
@@ -103,7 +103,7 @@ def load_episode(recording: Recording) -> EpisodeData:
     poses = series("object_pose", lambda m: np.concatenate(pose_arrays(m, BASE_FRAME)), (7,))
     wrench = series("external_wrench", lambda m: wrench_array(m, BASE_FRAME), (6,))
     keypoints = series("keypoints", keypoints_array, (8, 3))
-    domain = recorded_domain(recording.information)
+    domain = read_domain(recording.information)
     goal = Pose(*pose_arrays(collected["goal_pose"][0].decode(), BASE_FRAME))
     distance, angle = pose_error(poses.values[:, :3], poses.values[:, 3:], goal.position, goal.quaternion)
     changes = phase_changes(f"bag {recording.path}", collected)

@@ -17,7 +17,7 @@ from np_record.bag import BagError, Message, Recording
 from np_record.cdr import TYPESTORE
 from np_record.recorded_phases import phase_of
 from np_record.topics import BY_NAME
-from np_ros.processes.answering import answering_nodes
+from np_ros.processes.policy_path import policy_path_nodes
 
 BEFORE_TICK = ("keypoints", "gripper_command", "pre_contact_pose", "joint_trajectory", "approach/refusal")
 AFTER_TICK = ("target_gains", "target_pose", "effort_command")
@@ -33,7 +33,7 @@ REQUIRED = ("joint_states", "goal_keypoints", "episode/phase", "episode/tick", "
 
 
 @dataclass
-class Step:
+class ReplayStep:
     """One stamp ns: what is said first, what must be answered, what is said then and answered then."""
 
     stamp: int
@@ -53,7 +53,7 @@ class Difference:
     what: str
 
 
-class Script:
+class ReplayScript:
     """A recording as steps. `live`: topics that nodes answer on; `specs`: those nodes, as they were run.
 
     Raises BagError for a recording that was not made in lockstep or lacks what is needed.
@@ -68,7 +68,7 @@ class Script:
         self._recording = recording
         self.from_camera = recording.counts.get("camera/image_raw", 0) > 0
         self.live = (*BEFORE_TICK, *AFTER_TICK) if self.from_camera else (*BEFORE_TICK[1:], *AFTER_TICK)
-        nodes = answering_nodes({**_UNSAID, **recording.information, **({"weights": weights} if weights else {})})
+        nodes = policy_path_nodes({**_UNSAID, **recording.information, **({"weights": weights} if weights else {})})
         if not self.from_camera:
             del nodes["keypoint_detector"]
         self.specs = list(nodes.values())
@@ -85,19 +85,19 @@ class Script:
         """Number of steps."""
         return self._recording.counts["joint_states"]
 
-    def steps(self) -> Iterator[Step]:
+    def steps(self) -> Iterator[ReplayStep]:
         """The steps in the order of their time. Raises BagError where the recording cannot be read."""
         step = None
         for message in self._recording.messages(*self.fed, *self.live):
             if step is None or message.stamp != step.stamp:
                 if step is not None:
                     yield step
-                step = Step(message.stamp)
+                step = ReplayStep(message.stamp)
             self._part(step, message).append(message)
         if step is not None:
             yield step
 
-    def _part(self, step: Step, message: Message) -> list[Message]:
+    def _part(self, step: ReplayStep, message: Message) -> list[Message]:
         name = message.topic.name
         if name in self.live:
             return step.answers if name in BEFORE_TICK else step.final_answers
@@ -108,7 +108,7 @@ class Script:
         return step.then if is_later else step.first
 
 
-class Comparison:
+class ReplayComparison:
     """Counts what came back against what was recorded.
 
     expected, received, identical: messages by topic; first: the first difference, or None.

@@ -45,7 +45,7 @@ def header_message(stamp: int, frame_id: str = "") -> Header:
     return Header(stamp=stamp_message(stamp), frame_id=frame_id)
 
 
-def serialized(message: object) -> bytes:
+def serialize(message: object) -> bytes:
     """The CDR bytes of a message, as a bag keeps them."""
     return serialize_message(message)
 

@@ -30,7 +30,7 @@ from rclpy.parameter import Parameter
 
 from np_ros.low_latency.spin import Spinner
 from np_ros.parameters import HELP, check_known, help_text
-from np_ros.processes.domain import ros_domain_id, twins
+from np_ros.processes.domain import count_namesakes, ros_domain_id
 from np_ros.qos import EVENT
 
 Value = TypeVar("Value", bool, int, float, str)
@@ -230,7 +230,7 @@ class Diagnostics:
         return " ".join(f"{topic}={count}" for topic, count in counts.items() if topic not in _INFRASTRUCTURE)
 
     def _tick(self) -> None:
-        before, self._has_twin = self._has_twin, twins(self._node) > 0
+        before, self._has_twin = self._has_twin, count_namesakes(self._node) > 0
         if self._has_twin and not before:
             self._node.get_logger().warn(f"{self._node.get_fully_qualified_name()}: {_TWIN}")
         self.publish()

@@ -26,7 +26,7 @@ HELP = ("--help", "-h")
 
 
 @dataclass(frozen=True)
-class Parameter:
+class NodeParameter:
     """A declared parameter: name, default, allowed values as text ("" for any), meaning with its unit."""
 
     name: str
@@ -47,14 +47,14 @@ class _Declaring(Node):
 
     def __init__(self, name: str):
         self.called = name
-        self.declared: dict[str, Parameter] = {}
+        self.declared: dict[str, NodeParameter] = {}
 
     def declare_parameter(self, name, default, descriptor):
         """Keep the parameter; the default is what the constructor goes on with."""
         allowed = [f"{r.from_value:.4g} to {r.to_value:.4g}" for r in descriptor.floating_point_range]
         allowed += [f"{r.from_value} to {r.to_value}" for r in descriptor.integer_range]
         allowed += [descriptor.additional_constraints] if descriptor.additional_constraints else []
-        self.declared[name] = Parameter(name, default, "; ".join(allowed), descriptor.description)
+        self.declared[name] = NodeParameter(name, default, "; ".join(allowed), descriptor.description)
         return _Value(_UNAVAILABLE.get(name, default))
 
     def create_publisher(self, *_, **__):
@@ -63,7 +63,7 @@ class _Declaring(Node):
     create_subscription = create_service = create_timer = create_publisher
 
 
-def declared(kind: type[Node]) -> list[Parameter]:
+def list_parameters(kind: type[Node]) -> list[NodeParameter]:
     """The parameters that a node's constructor declares before it needs what is not here. Needs no ROS domain."""
     node = object.__new__(type("Offline", (kind, _Declaring), {}))
     try:
@@ -78,7 +78,7 @@ def help_text(make_node: Callable[[], Node]) -> str:
     lines = [f"usage: {Path(sys.argv[0]).name} [--ros-args -p NAME:=VALUE ...]", ""]
     purpose = (sys.modules[make_node.__module__].__doc__ or "").split("\n\n")[0]
     lines += [*textwrap.wrap(" ".join(purpose.split()), 100), ""]
-    parameters = declared(make_node) if inspect.isclass(make_node) else []
+    parameters = list_parameters(make_node) if inspect.isclass(make_node) else []
     lines += ["parameters:" if parameters else "no parameters"]
     for p in parameters:
         default = f"'{p.default}'" if isinstance(p.default, str) else str(p.default)

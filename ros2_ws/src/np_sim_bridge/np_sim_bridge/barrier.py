@@ -8,7 +8,7 @@ from np_sim_bridge.schedule import Schedule
 ACTIVE_PHASES = (*ACTIVE, EXCITE)
 
 
-class Barrier:
+class LockstepBarrier:
     """The answers that the state at `stamp` needs before time may go on.
 
     tick_barrier: whether policy ticks wait for the episode's tick, and in phase post for the policy's target;

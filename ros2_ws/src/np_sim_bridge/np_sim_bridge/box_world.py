@@ -10,7 +10,7 @@ import numpy as np
 
 from np_description.contact.model import OBJECT_FRICTION, ContactModel
 from np_description.domains import Pose
-from np_description.scene import set_friction_law, surface
+from np_description.scene import set_friction_law, surface_options
 
 GRAVITY = 9.81
 TIP_RADIUS = 0.008  # m, of the fingertip's capsule
@@ -109,7 +109,7 @@ def _spec(world: BoxOnTable, contact: ContactModel, timestep: float) -> mujoco.M
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     set_friction_law(spec.option, contact)
     spec.worldbody.add_geom(
-        name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 0.1], **surface(contact.table, contact.hard)
+        name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 0.1], **surface_options(contact.table, contact.hard)
     )
     box = spec.worldbody.add_body(name="box", pos=[0, 0, world.half_size[2]])
     box.add_freejoint()
@@ -118,7 +118,7 @@ def _spec(world: BoxOnTable, contact: ContactModel, timestep: float) -> mujoco.M
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=world.half_size,
         mass=world.mass,
-        **surface(OBJECT_FRICTION, contact.hard),
+        **surface_options(OBJECT_FRICTION, contact.hard),
     )
     if world.tip is None:
         return spec
@@ -131,7 +131,7 @@ def _spec(world: BoxOnTable, contact: ContactModel, timestep: float) -> mujoco.M
         priority=1,
         contype=2,
         conaffinity=1,
-        **surface(contact.finger, contact.rubber),
+        **surface_options(contact.finger, contact.rubber),
     )
     spec.geom("box").conaffinity = 3  # the finger touches the box only
     for axis, name in zip(np.eye(3), "xyz"):

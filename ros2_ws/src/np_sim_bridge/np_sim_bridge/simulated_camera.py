@@ -9,7 +9,7 @@ from sim2real.effects.camera_effects import CameraEffects
 
 from np_sim_bridge.imaging import CameraThread
 from np_sim_bridge.renderer import Renderer
-from np_sim_bridge.view import View
+from np_sim_bridge.view import SceneView
 
 
 class SimulatedCamera:
@@ -27,7 +27,7 @@ class SimulatedCamera:
         *,
         wait: bool,
     ):
-        self._view, self._wait = View(effects), wait
+        self._view, self._wait = SceneView(effects), wait
         self._thread = CameraThread(make, lambda stamp, pixels: deliver(stamp, self._view.through_lens(pixels)))
 
     def begin(self) -> None:

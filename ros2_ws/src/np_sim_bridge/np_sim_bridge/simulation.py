@@ -43,7 +43,7 @@ class Measurement:
 
 
 @dataclass(frozen=True)
-class Task:
+class EpisodeTask:
     """One episode's task: its number, and the object's start and goal pose in the base frame."""
 
     episode: int
@@ -89,7 +89,7 @@ class Simulation:
         """The scene, for the renderer."""
         return self.engine.model
 
-    def reset(self, episode: int, stamp: int) -> Task:
+    def reset(self, episode: int, stamp: int) -> EpisodeTask:
         """Draw the task of `episode`, put arm and object there at rest, fingers closed, at the time `stamp` ns.
 
         The state depends on (seed, episode) only. Raises ValueError for a stamp before the present one.
@@ -109,7 +109,7 @@ class Simulation:
         self.force.reset()
         self.reflex = ""
         self.stamp = stamp
-        self.task = Task(episode, start, goal)
+        self.task = EpisodeTask(episode, start, goal)
         return self.task
 
     def measure(self) -> Measurement:

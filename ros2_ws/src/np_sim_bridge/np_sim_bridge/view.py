@@ -16,7 +16,7 @@ Moment = tuple[int, np.ndarray]
 """Stamp ns and the scene's generalised positions (nq,)."""
 
 
-class View:
+class SceneView:
     """The scene's latest configurations, and the pictures of them."""
 
     def __init__(self, effects: CameraEffects):

@@ -73,14 +73,14 @@ def touch(name: str, place: np.ndarray, surface: float, obstacles: float) -> Seg
     return make_segment(name, high, [Leg(near, FAST), Leg(deep, SLOW_TOUCH, rest=0.3), Leg(high, FAST)], 0.0)
 
 
-def drag(name: str, lain: RestingObject, room: Workspace, top: float, force: float) -> Segment:
+def drag(name: str, resting: RestingObject, workspace: Workspace, top: float, force: float) -> Segment:
     """Press the object's top, felt at `top` m, and lead it there and back; without a force the same way in the air."""
-    middle = lain.centre[:2]
-    high = np.array([*middle, max(top, room.clearance) + CLEAR])
+    middle = resting.centre[:2]
+    high = np.array([*middle, max(top, workspace.clearance) + CLEAR])
     down = high - [0, 0, high[2] - top]
     at = make_segment(name, high, [Leg(down, FAST)], 0.0).positions[-1]
     level = top - press_depth(at, force) if force else top + 0.01
-    heading = next((way for way in HEADINGS if room.holds(lain, STROKE * way)), None)
+    heading = next((way for way in HEADINGS if workspace.allows(resting, STROKE * way)), None)
     if heading is None:
         raise OutOfReach(f"{name}: no room to drag the object in")
     legs = []
@@ -96,16 +96,16 @@ def drag(name: str, lain: RestingObject, room: Workspace, top: float, force: flo
     return make_segment(name, high, legs, 0.0)
 
 
-def sway(name: str, lain: RestingObject, room: Workspace, top: float) -> Segment:
+def sway(name: str, resting: RestingObject, workspace: Workspace, top: float) -> Segment:
     """Press the object's top, felt at `top` m, in its middle, and lead it to and fro. Raises OutOfReach for one that is so tall that it would rock:
     a drag presses it behind its middle for that, which a sway cannot both ways."""
-    if ROCKS * room.domain.contact.table * lain.height > min(distance for _, distance in lain.sides()):
+    if ROCKS * workspace.domain.contact.table * resting.height > min(distance for _, distance in resting.sides()):
         raise OutOfReach(f"{name}: the object would rock on its edges")
-    middle = lain.centre[:2]
-    high = np.array([*middle, max(top, room.clearance) + CLEAR])
+    middle = resting.centre[:2]
+    high = np.array([*middle, max(top, workspace.clearance) + CLEAR])
     at = make_segment(name, high, [Leg(np.array([*middle, top]), FAST)], 0.0).positions[-1]
     for way in HEADINGS[::2]:
-        if room.holds(lain, SWAY * way) and room.holds(lain, -SWAY * way):
+        if workspace.allows(resting, SWAY * way) and workspace.allows(resting, -SWAY * way):
             legs = [
                 Leg(np.array([*middle, top + BEFORE]), FAST),
                 Leg(np.array([*middle, top - press_depth(at, SWAY_FORCE)]), SLOW_TOUCH, rest=0.3),
@@ -116,16 +116,18 @@ def sway(name: str, lain: RestingObject, room: Workspace, top: float) -> Segment
     raise OutOfReach(f"{name}: no room to sway the object in")
 
 
-def push(how: Push, lain: RestingObject, normal: np.ndarray, distance: float, room: Workspace, table: float) -> Segment:
+def push(
+    how: Push, resting: RestingObject, normal: np.ndarray, distance: float, workspace: Workspace, table: float
+) -> Segment:
     """Push the face with this outward normal (2,), `distance` m from the object's centre; table: its height m as felt."""
     ahead, across = -normal, np.array([-normal[1], normal[0]])
-    width = max(abs(float(corner @ across)) for corner in (lain.corners(np.zeros(2)) - lain.centre)[:, :2])
-    place = lain.centre[:2] + normal * distance + across * how.share * width
-    low = max(_beside(lain, room, table), table + lain.height - EDGE)
+    width = max(abs(float(corner @ across)) for corner in (resting.corners(np.zeros(2)) - resting.centre)[:, :2])
+    place = resting.centre[:2] + normal * distance + across * how.share * width
+    low = max(_beside(resting, workspace, table), table + resting.height - EDGE)
     begin, end, last = (place - ahead * (RADIUS + back) for back in (how.run_up, -how.travel, -how.travel - how.shove))
     if not (is_reachable(begin) and is_reachable(last)):
         raise OutOfReach(f"{how.name}: the way of the tip is out of reach")
-    high, out = table + lain.height + CLEAR, last - ahead * LEAVE
+    high, out = table + resting.height + CLEAR, last - ahead * LEAVE
     legs = [
         Leg(np.array([*begin, low]), FAST, rest=0.3),
         Leg(np.array([*end, low]), how.speed, rest=0.0 if how.slides else 0.6, stop=how.stop),
@@ -139,33 +141,35 @@ def push(how: Push, lain: RestingObject, normal: np.ndarray, distance: float, ro
     return make_segment(how.name, np.array([*begin, high]), legs, leading_yaw(ahead))
 
 
-def _beside(lain: RestingObject, room: Workspace, table: float) -> float:
+def _beside(resting: RestingObject, workspace: Workspace, table: float) -> float:
     """Height m of the tip's end beside the object: over obstacles, no deeper than the hand allows."""
-    return table + max(room.clearance + OVER if room.clearance else 0.0, lain.height - GRIP, 0.3 * lain.height)
+    return table + max(
+        workspace.clearance + OVER if workspace.clearance else 0.0, resting.height - GRIP, 0.3 * resting.height
+    )
 
 
-def scrape(name: str, lain: RestingObject, room: Workspace, table: float) -> Segment:
+def scrape(name: str, resting: RestingObject, workspace: Workspace, table: float) -> Segment:
     """Hold the object against an obstacle with the tip, and lead the tip down its face. Raises OutOfReach without such an obstacle."""
     found = []
-    for box in room.domain.obstacles:
+    for box in workspace.domain.obstacles:
         for axis in range(2):
             for sign in (-1.0, 1.0):
                 outward = sign * np.eye(2)[axis]
                 face = np.array(box.centre[:2]) + outward * box.half_size[axis]
-                gap = float((lain.centre[:2] - face) @ outward)
-                along = abs(lain.centre[1 - axis] - box.centre[1 - axis])
-                if gap > 0 and along < box.half_size[1 - axis] - 0.5 * lain.reach and box.half_size[2] * 2 >= TALL:
+                gap = float((resting.centre[:2] - face) @ outward)
+                along = abs(resting.centre[1 - axis] - box.centre[1 - axis])
+                if gap > 0 and along < box.half_size[1 - axis] - 0.5 * resting.reach and box.half_size[2] * 2 >= TALL:
                     found.append((gap, outward))
     if not found:
         raise OutOfReach(f"{name}: no obstacle beside the object that could hold it")
     gap, outward = min(found, key=lambda one: one[0])
-    normal, distance = max(lain.sides(), key=lambda side: float(side[0] @ outward))
+    normal, distance = max(resting.sides(), key=lambda side: float(side[0] @ outward))
     depth = 2 * distance
-    low, top = _beside(lain, room, table), table + lain.height - BELOW
-    place = lain.centre[:2] + normal * distance
+    low, top = _beside(resting, workspace, table), table + resting.height - BELOW
+    place = resting.centre[:2] + normal * distance
     begin = place + outward * (RADIUS + 0.02)
     # The tip's place once the object lies flat against the obstacle, and its edge in the middle of the face.
-    flush = lain.centre[:2] - outward * (gap - depth) + outward * RADIUS
+    flush = resting.centre[:2] - outward * (gap - depth) + outward * RADIUS
     near = flush + outward * GAP
     legs = [
         Leg(np.array([*begin, low]), FAST, rest=0.2),
@@ -174,7 +178,7 @@ def scrape(name: str, lain: RestingObject, room: Workspace, table: float) -> Seg
         Leg(np.array([*near + outward * AWAY, top]), FAST, rest=0.2),
         Leg(np.array([*flush - outward * INTO, low]), DOWN_SPEED, rest=0.2),
         Leg(np.array([*flush + outward * LEAVE, low]), 0.03),
-        Leg(np.array([*flush + outward * LEAVE, table + lain.height + CLEAR]), FAST, rest=1.0),
+        Leg(np.array([*flush + outward * LEAVE, table + resting.height + CLEAR]), FAST, rest=1.0),
     ]
-    high = np.array([*begin, table + lain.height + CLEAR])
+    high = np.array([*begin, table + resting.height + CLEAR])
     return make_segment(name, high, legs, leading_yaw(-outward))

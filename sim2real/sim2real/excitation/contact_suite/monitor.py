@@ -11,7 +11,7 @@ from np_control.kinematics import forward_kinematics
 from np_control.safety import tip_force
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain
-from np_perception.pose_estimation import MIN_POINTS, PoseError, estimate_pose, usable
+from np_perception.pose_estimation import MIN_POINTS, PoseError, estimate_pose, usable_keypoints
 from sim2real.excitation.contact_suite.suite import SuiteState
 from sim2real.excitation.contact_suite.tip import lowest_corner
 
@@ -36,16 +36,16 @@ class SuiteMonitor:
         self._dynamics = Dynamics()
         self._lowest: float | None = None
 
-    def see(self, stamp: int, keypoints: np.ndarray) -> None:
+    def add_keypoints(self, stamp: int, keypoints: np.ndarray) -> None:
         """Keypoints (8, 3) u px, v px, score of an image of `stamp` ns. One that was sent again changes nothing."""
         if not self._images or stamp > self._images[-1][0]:
             self._images.append((stamp, keypoints))
 
-    def has_seen(self, since: int) -> bool:
+    def has_image(self, since: int) -> bool:
         """Whether an image of `since` ns or later has come."""
         return bool(self._images) and self._images[-1][0] >= since
 
-    def feel(self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> str:
+    def check_contact(self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> str:
         """Position (7,) rad, velocity (7,) rad/s and torque (7,) Nm without gravity of a state; what is wrong, "" for nothing."""
         position, rotation = forward_kinematics(q)
         height = float(lowest_corner(position[None], rotation[None])[0, 2])
@@ -55,11 +55,11 @@ class SuiteMonitor:
         size = float(np.linalg.norm(tip_force(q, torque - self._dynamics.coriolis(q, dq))))
         return f"the hand presses with {size:.0f} N; up to {HARDEST:g} are allowed" if size > HARDEST else ""
 
-    def situation(self, q: np.ndarray) -> SuiteState:
+    def state(self, q: np.ndarray) -> SuiteState:
         """Of an arm that rests at joints (7,) rad; the tip's lowest height is counted anew from here. Raises OutOfPicture where
         too few corners are seen, ValueError where no pose explains them."""
         rows = np.array([keypoints for _, keypoints in self._images])
-        good = np.array([usable(keypoints, SCORE) for keypoints in rows])
+        good = np.array([usable_keypoints(keypoints, SCORE) for keypoints in rows])
         kept = good.mean(axis=0) > 0.5
         if kept.sum() < MIN_POINTS:
             raise OutOfPicture(f"{kept.sum()} of 8 corners are seen; {MIN_POINTS} are needed")

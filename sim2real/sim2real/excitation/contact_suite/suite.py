@@ -52,52 +52,52 @@ Plans = Generator[list[Segment], SuiteState, None]
 def task_suite(domain: Domain, first: SuiteState, only: Sequence[str] = (), camera: Camera = CAMERA) -> Plans:
     """Plans, one at a time: send the situation after each to get the next.
 
-    only: families to make (all of FAMILIES). What is out of reach, or has no room, is left out. Raises ValueError for an unknown name.
+    only: families to make (all of FAMILIES). What is out of reach, or has no workspace, is left out. Raises ValueError for an unknown name.
     """
     check_families(only)
     return _plans(Workspace(domain, camera), first, [name for name in FAMILIES if not only or name in only])
 
 
-def _plans(room: Workspace, now: SuiteState, families: list[str]) -> Plans:
+def _plans(workspace: Workspace, now: SuiteState, families: list[str]) -> Plans:
     table = top = None  # heights m as they were felt
-    lain = RestingObject.of(room.domain, now.pose)
+    resting = RestingObject.of(workspace.domain, now.pose)
     if "view" in families:
         now = yield [rest_segment("view", now.q, STANDSTILL)]
     if "touch_table" in families:
         felt: list[float] = []
-        for place in room.places(lain):
+        for place in workspace.touch_places(resting):
             expected = felt[-1] if felt else 0.0
-            now, stopped = yield from _touch(room, now, "touch_table", len(felt) + 1, place, expected)
+            now, stopped = yield from _touch(workspace, now, "touch_table", len(felt) + 1, place, expected)
             felt += [] if stopped is None else [stopped]
         table = float(np.median(felt)) if felt else None
     if "touch_object" in families:
-        expected = (table or 0.0) + lain.height
-        now, top = yield from _touch(room, now, "touch_object", 0, lain.centre[:2], expected)
+        expected = (table or 0.0) + resting.height
+        now, top = yield from _touch(workspace, now, "touch_object", 0, resting.centre[:2], expected)
     if table is None:
-        table = top - lain.height if top else 0.0
-    top = top or table + lain.height
+        table = top - resting.height if top else 0.0
+    top = top or table + resting.height
     used: dict[int, int] = {}
-    if lain.height > FLATTEST and {"drag", "push", "shove"} & set(families):
-        now, used = yield from _back(room, now, used, table)
+    if resting.height > FLATTEST and {"drag", "push", "shove"} & set(families):
+        now, used = yield from _back(workspace, now, used, table)
     if "drag" in families:
         for number, force in enumerate(DRAGS):
-            lain = RestingObject.of(room.domain, now.pose)
-            if plan := _joined(now, lambda: contacts.drag(f"drag_{number}", lain, room, top, force)):
+            resting = RestingObject.of(workspace.domain, now.pose)
+            if plan := _joined(now, lambda: contacts.drag(f"drag_{number}", resting, workspace, top, force)):
                 now = yield plan
     if "sway" in families:
-        lain = RestingObject.of(room.domain, now.pose)
-        if plan := _joined(now, lambda: contacts.sway("sway", lain, room, top)):
+        resting = RestingObject.of(workspace.domain, now.pose)
+        if plan := _joined(now, lambda: contacts.sway("sway", resting, workspace, top)):
             now = yield plan
-    if lain.height < FLATTEST:
+    if resting.height < FLATTEST:
         return
     for number, (share, speed) in enumerate(PUSHES if "push" in families else (), 1):
-        now, used = yield from _push(room, now, used, table, _slow_push(f"push_{number}", share, speed))
+        now, used = yield from _push(workspace, now, used, table, _slow_push(f"push_{number}", share, speed))
     for count, how in ((SHOVES, contacts.SHOVE), (TAPS, contacts.TAP)):
         for number in range(1, count + 1) if how.name in families else ():
-            now, used = yield from _push(room, now, used, table, how.named(f"{how.name}_{number}"))
-    if "scrape" in families and room.domain.obstacles:
-        lain = RestingObject.of(room.domain, now.pose)
-        if plan := _joined(now, lambda: contacts.scrape("scrape", lain, room, table)):
+            now, used = yield from _push(workspace, now, used, table, how.named(f"{how.name}_{number}"))
+    if "scrape" in families and workspace.domain.obstacles:
+        resting = RestingObject.of(workspace.domain, now.pose)
+        if plan := _joined(now, lambda: contacts.scrape("scrape", resting, workspace, table)):
             yield plan
 
 
@@ -106,13 +106,13 @@ def _slow_push(name: str, share: float, speed: float) -> contacts.Push:
     return replace(contacts.SLOW.named(name), share=share, speed=speed)
 
 
-def _touch(room: Workspace, now: SuiteState, name: str, number: int, place: np.ndarray, expected: float):
+def _touch(workspace: Workspace, now: SuiteState, name: str, number: int, place: np.ndarray, expected: float):
     """Down until something is felt, each time deeper; the height m at which the tip was stopped, None where it never was, with the situation
     after it. number: of the experiment, 0 for one that has none; expected: m, of the surface."""
     for deeper in range(TOUCHES):
         surface = expected - deeper * contacts.DEEPER
         called = f"{name}_{number}" if number else name  # one that met nothing gives its name to the next
-        plan = _joined(now, lambda: contacts.touch(called, place, surface, room.clearance))
+        plan = _joined(now, lambda: contacts.touch(called, place, surface, workspace.clearance))
         if not plan:
             break
         now = yield plan
@@ -121,20 +121,20 @@ def _touch(room: Workspace, now: SuiteState, name: str, number: int, place: np.n
     return now, None
 
 
-def _back(room: Workspace, now: SuiteState, used: dict[int, int], table: float):
+def _back(workspace: Workspace, now: SuiteState, used: dict[int, int], table: float):
     """Pushes that bring the object to where it can be pushed to more sides than where it lies."""
     for number in range(1, BACK + 1):
-        lain = RestingObject.of(room.domain, now.pose)
-        best, push, normal, distance = len(sides_with_room(room, lain, contacts.SLOW)), None, None, 0.0
+        resting = RestingObject.of(workspace.domain, now.pose)
+        best, push, normal, distance = len(sides_with_room(workspace, resting, contacts.SLOW)), None, None, 0.0
         for travel in BACK_BY:
             longer = replace(contacts.SLOW.named(f"push_{10 * number}"), travel=travel)
-            for outward, away in sides_with_room(room, lain, longer):
-                room_after = len(sides_with_room(room, lain.moved(-outward * travel), contacts.SLOW))
+            for outward, away in sides_with_room(workspace, resting, longer):
+                room_after = len(sides_with_room(workspace, resting.moved(-outward * travel), contacts.SLOW))
                 if room_after > best:
                     best, push, normal, distance = room_after, longer, outward, away
         if push is None:
             break
-        plan = _joined(now, lambda: contacts.push(push, lain, normal, distance, room, table))
+        plan = _joined(now, lambda: contacts.push(push, resting, normal, distance, workspace, table))
         if not plan:
             break
         now = yield plan
@@ -142,25 +142,29 @@ def _back(room: Workspace, now: SuiteState, used: dict[int, int], table: float):
     return now, used
 
 
-def sides_with_room(room: Workspace, lain: RestingObject, push: contacts.Push) -> list[tuple[np.ndarray, float]]:
-    """Normals (2,) of faces, with their distances m from the centre, from which a push has room."""
-    return [(normal, distance) for normal, distance in lain.sides() if room.holds(lain, -normal * push.moves)]
+def sides_with_room(
+    workspace: Workspace, resting: RestingObject, push: contacts.Push
+) -> list[tuple[np.ndarray, float]]:
+    """Normals (2,) of faces, with their distances m from the centre, from which a push has workspace."""
+    return [
+        (normal, distance) for normal, distance in resting.sides() if workspace.allows(resting, -normal * push.moves)
+    ]
 
 
 def _heading(normal: np.ndarray) -> int:
     return round(float(np.arctan2(normal[1], normal[0])) / (np.pi / 2)) % 4
 
 
-def _push(room: Workspace, now: SuiteState, used: dict[int, int], table: float, push: contacts.Push):
-    """One push, from the side that has room, was used least, and leaves the object nearest to the middle of the room."""
-    lain = RestingObject.of(room.domain, now.pose)
-    middle = np.array([np.mean(room.domain.start.x), np.mean(room.domain.start.y)])
+def _push(workspace: Workspace, now: SuiteState, used: dict[int, int], table: float, push: contacts.Push):
+    """One push, from the side that has workspace, was used least, and leaves the object nearest to the middle of the workspace."""
+    resting = RestingObject.of(workspace.domain, now.pose)
+    middle = np.array([np.mean(workspace.domain.start.x), np.mean(workspace.domain.start.y)])
     options = []
-    for normal, distance in sides_with_room(room, lain, push):
-        away = float(np.linalg.norm(lain.centre[:2] - normal * push.moves - middle))
+    for normal, distance in sides_with_room(workspace, resting, push):
+        away = float(np.linalg.norm(resting.centre[:2] - normal * push.moves - middle))
         options.append((used.get(_heading(normal), 0), away, normal, distance))
     for _, _, normal, distance in sorted(options, key=lambda option: option[:2]):
-        plan = _joined(now, lambda: contacts.push(push, lain, normal, distance, room, table))
+        plan = _joined(now, lambda: contacts.push(push, resting, normal, distance, workspace, table))
         if plan:
             now = yield plan
             return now, {**used, _heading(normal): used.get(_heading(normal), 0) + 1}

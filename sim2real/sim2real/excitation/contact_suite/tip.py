@@ -55,9 +55,3 @@ def lowest_corner(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """The lowest corner (n, 3) m of the block, where T_E is at position (n, 3) m with rotation (n, 3, 3)."""
     corners = position[:, None] + np.einsum("nij,kj->nki", rotation, CORNERS)
     return corners[np.arange(len(corners)), corners[..., 2].argmin(axis=1)]
-
-
-def foremost(position: np.ndarray, rotation: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """The corner (n, 3) m that is farthest along a direction (3,); arguments as of `lowest_corner`."""
-    corners = position[:, None] + np.einsum("nij,kj->nki", rotation, CORNERS)
-    return corners[np.arange(len(corners)), (corners @ direction).argmax(axis=1)]

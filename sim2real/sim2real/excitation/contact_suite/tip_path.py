@@ -15,7 +15,7 @@ from np_control.trajectory import make_trajectory
 from np_description.panda import NOMINAL
 from sim2real.excitation.contact_suite.tip import BEYOND, upright_rotation
 from sim2real.excitation.motions import least_jerk
-from sim2real.excitation.suite import Segment, transfer
+from sim2real.excitation.suite import Segment, make_transfer
 
 RATE = 100.0  # knots a second
 RAMP = 0.12  # s, in which a leg reaches its speed
@@ -96,13 +96,13 @@ def join_segments(q: np.ndarray, segments: Sequence[Segment]) -> list[Segment]:
     plan = []
     for one in segments:
         if not np.allclose(q, one.positions[0], rtol=0.0, atol=1e-6):
-            plan.append(transfer(q, one.positions[0]))
+            plan.append(make_transfer(q, one.positions[0]))
         plan.append(one)
         q = one.positions[-1]
     return plan
 
 
-def tip_of(q: np.ndarray) -> np.ndarray:
+def tip_position(q: np.ndarray) -> np.ndarray:
     """The tip's end (3,) m at joints (7,) rad."""
     position, rotation = forward_kinematics(q)
     return position + rotation @ [0.0, 0.0, BEYOND]

@@ -76,9 +76,9 @@ class Workspace:
         """Height m of the highest obstacle over the table, 0 without any."""
         return max((box.centre[2] + box.half_size[2] for box in self.domain.obstacles), default=0.0)
 
-    def holds(self, lain: RestingObject, shift: np.ndarray) -> bool:
+    def allows(self, resting: RestingObject, shift: np.ndarray) -> bool:
         """Whether the object may be moved by (2,) m: in the workspace, clear of obstacles and in the picture."""
-        corners = lain.corners(shift)
+        corners = resting.corners(shift)
         (left, right), (low, high) = self.domain.workspace_x, self.domain.workspace_y
         inside = (corners[:, 0] > left) & (corners[:, 0] < right) & (corners[:, 1] > low) & (corners[:, 1] < high)
         pixels, _ = self.camera.project(corners)
@@ -89,11 +89,11 @@ class Workspace:
             and all(_apart(corners[:, :2], box) for box in self.domain.obstacles)
         )
 
-    def places(self, lain: RestingObject) -> list[np.ndarray]:
+    def touch_places(self, resting: RestingObject) -> list[np.ndarray]:
         """Four places (2,) m of the bare table, far from one another, at which the tip may touch it. Fewer where there are fewer."""
         (left, right), (low, high) = self.domain.workspace_x, self.domain.workspace_y
         xs, ys = np.linspace(max(left, 0.42), min(right, 0.62), 9), np.linspace(max(low, -0.3), min(high, 0.3), 13)
-        free = [np.array([x, y]) for x in xs for y in ys if self._is_bare(np.array([x, y]), lain)]
+        free = [np.array([x, y]) for x in xs for y in ys if self._is_bare(np.array([x, y]), resting)]
         wanted = [np.array([x, y]) for y in (ys[0], ys[-1]) for x in (xs[0], xs[-1])]
         found: list[np.ndarray] = []
         for corner in wanted:
@@ -102,20 +102,20 @@ class Workspace:
                 found.append(free.pop(nearest))
         return found
 
-    def _is_bare(self, place: np.ndarray, lain: RestingObject) -> bool:
+    def _is_bare(self, place: np.ndarray, resting: RestingObject) -> bool:
         apart = BESIDE + RADIUS
-        if np.linalg.norm(place - lain.centre[:2]) < lain.reach + apart or not is_reachable(place):
+        if np.linalg.norm(place - resting.centre[:2]) < resting.reach + apart or not is_reachable(place):
             return False
-        if lain.height > GRIP and not self._clears_housing(place, lain):
+        if resting.height > GRIP and not self._clears_housing(place, resting):
             return False
         return all(
             (np.abs(place - box.centre[:2]) > np.array(box.half_size[:2]) + apart).any()
             for box in self.domain.obstacles
         )
 
-    def _clears_housing(self, place: np.ndarray, lain: RestingObject) -> bool:
+    def _clears_housing(self, place: np.ndarray, resting: RestingObject) -> bool:
         """Whether the housing of a hand that is down at (2,) m passes a tall object: it is as wide as the hand is, along y."""
-        corners = lain.corners(np.zeros(2))[:, :2]
+        corners = resting.corners(np.zeros(2))[:, :2]
         clear = HOUSING + BESIDE / 2
         return bool(((corners.max(axis=0) < place - clear) | (corners.min(axis=0) > place + clear)).any())
 

@@ -14,7 +14,7 @@ from sim2real.task.camera.model import SHIFT, TURN, CameraScene
 from sim2real.task.camera.parameters import COUNT
 from sim2real.thresholds import THRESHOLDS
 
-VIEW = THRESHOLDS.view_change
+COMPARISON = THRESHOLDS.camera_comparison
 POWERS = tuple((a, degree - a) for degree in (2, 3) for a in range(degree + 1))
 """Of u and v, in patterns that neither a pose nor a focal length makes."""
 FAINT = 0.05  # of the clearest of a pattern's directions, below which it is the explanation's own
@@ -59,7 +59,7 @@ def find_residual_patterns(scene: CameraScene, found: CameraFit, prior: Prior) -
         # As far as it is seen: what the poses of the places make of it is no error of a corner, unless it was measured where they are.
         concerned = scene.usable & (columns != 0).any(axis=(2, 3))
         size = found.scatter * np.sqrt(shown @ shown / max(concerned.sum(), 1))
-        if chance * tries < VIEW.sure and size > VIEW.matters:
+        if chance * tries < COMPARISON.sure and size > COMPARISON.matters:
             told[kind] = min(told.get(kind, (1.0, "")), (chance, f"{text} ({size:.1f} px)"))
     return "; ".join(text for _, text in told.values())
 
@@ -80,7 +80,7 @@ def _equations(
         base[16 * n : 16 * n + 16, columns] = (weights[n, ..., None] * lines.by_pose[n]).reshape(16, 3)
         base[usual.stop + 6 * n : usual.stop + 6 * n + 6, columns] = lines.off_by_pose[n] / MEASURED[:, None]
     left = weights * (scene.pixels - lines.seen)
-    left *= np.minimum(1.0, VIEW.cut / np.maximum(np.linalg.norm(left, axis=-1, keepdims=True), 1e-12))
+    left *= np.minimum(1.0, COMPARISON.cut / np.maximum(np.linalg.norm(left, axis=-1, keepdims=True), 1e-12))
     return base, np.concatenate([left.ravel(), -found.vector * root, (-lines.off / MEASURED).ravel()])
 
 
@@ -110,7 +110,7 @@ def _suspects(scene: CameraScene, found: CameraFit) -> Iterator[tuple[str, str, 
 
 def held_out_gain(scene: CameraScene, found: CameraFit, prior: Prior, start: np.ndarray) -> HeldOut:
     """By fits to the other places, with the scatter of the best explanation. start (k, 3): poses as measured, or as first found."""
-    count = min(len(scene), VIEW.folds)
+    count = min(len(scene), COMPARISON.folds)
     gain, before, after = 0.0, [], []
     for n in range(count):
         out = np.arange(len(scene)) % count == n

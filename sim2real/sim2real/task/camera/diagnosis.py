@@ -1,8 +1,7 @@
-"""The view stage: which of camera, lens, table, object and detector explains where corners of the resting object are seen.
+"""The camera stage: which of camera, lens, table, object and detector explains where corners of the resting object are seen.
 
-Explanations of up to two effects compete by the density of all that was seen, integrated over all numbers (`chain.view_stage.fit`). Whatever
-explains the corners as well as the best is named beside it. What no explanation brings down to a detector's error, or leaves a pattern
-in, is unexplained; what the recording cannot show is said as well.
+Hypotheses of up to three effects compete by their evidence, integrated over all numbers (`sim2real.task.camera.fit`). Residuals larger than a
+detector's error, or with a pattern, are unexplained. Numbers that the recording does not narrow are listed.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from sim2real.task.hypotheses import (
 )
 from sim2real.thresholds import THRESHOLDS
 
-VIEW = THRESHOLDS.view_change
+COMPARISON = THRESHOLDS.camera_comparison
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ def diagnose_camera(places: Sequence[RestPose], camera: Camera = CAMERA) -> Came
     ways = [fit_flat_pose(place, camera) for place in places]
     flat = np.array([way.is_flat for way in ways])
     left_out = tuple(place.name for place, is_flat in zip(places, flat) if not is_flat)
-    if flat.mean() < VIEW.flat:
+    if flat.mean() < COMPARISON.flat:
         off = np.array([way.off for way in ways])
         seen = f"{np.median(off[np.isfinite(off)]):.0f} px off" if np.isfinite(off).any() else "measured as tilted"
         doubt = f"at {len(left_out)} of {len(places)} places the corners are of no {_size(places[0])} that lies flat ({seen})"
@@ -94,21 +93,21 @@ def diagnose_camera(places: Sequence[RestPose], camera: Camera = CAMERA) -> Came
     believed = evaluate_at(seen, np.zeros(len(NAMES)), nominal.poses, nominal.scatter)
     off = float(np.median(corner_distances(seen, believed, models.start)))
     told = {"places": len(kept), "left_out": left_out, "off": off, "scene": seen, "nominal": nominal}
-    if doubt := _too_little(seen):
+    if doubt := _insufficient(seen):
         return CameraDiagnosis("undetermined", **told, abstention_reason=doubt, fit=nominal, unidentifiable=NAMES)
-    chosen = select_effects(EFFECTS, models.value, VIEW.most)
+    chosen = select_effects(EFFECTS, models.value, COMPARISON.most)
     best = models.of(chosen)
     findings = tuple(
         sorted((_finding(models, chosen, effect) for effect in chosen), key=lambda one: -one.log_bayes_factor)
     )
     bounds = _bounds(models, chosen)
-    doubt = "; ".join(filter(None, (_strained(best, chosen), find_residual_patterns(seen, best, models.prior(chosen)))))
+    doubt = "; ".join(filter(None, (_strain(best, chosen), find_residual_patterns(seen, best, models.prior(chosen)))))
     if doubt:
         verdict = "unexplained"
     elif findings:
         verdict = verdict_of(findings)
     else:
-        verdict = "undetermined" if len(bounds["unidentifiable"]) > VIEW.blind * len(NAMES) else "no_gap"
+        verdict = "undetermined" if len(bounds["unidentifiable"]) > COMPARISON.blind * len(NAMES) else "no_gap"
         hidden = f"{len(bounds['unidentifiable'])} of {len(NAMES)} numbers could be off and would not show in it"
         doubt = "" if verdict == "no_gap" else hidden
     return CameraDiagnosis(
@@ -164,7 +163,7 @@ class _CameraModels:
         """The numbers of an effect over all fits that have it as a gap, and none `without`, as probable as each of them is."""
         having = [n for n in self._made if effect in n and not n & without]
         values = np.array([self.value(n) for n in having])
-        near = np.flatnonzero(values > values.max() - VIEW.distant)
+        near = np.flatnonzero(values > values.max() - COMPARISON.distant)
         share, fits = np.exp(values[near] - values.max()), [self._made[having[n]] for n in near]
         share /= share.sum()
         found = {}
@@ -223,25 +222,25 @@ def _bounds(models: _CameraModels, chosen: Effects) -> dict:
     return {"bounds": {name: bounds[name] for name in NAMES}, "unidentifiable": unseen}
 
 
-def _too_little(seen: CameraScene) -> str:
+def _insufficient(seen: CameraScene) -> str:
     """Why the places tell nothing apart, "" where they may."""
-    if len(seen) < VIEW.places:
+    if len(seen) < COMPARISON.places:
         where = "one place" if len(seen) == 1 else f"{len(seen)} places"
-        return f"the object rested flat in {where}; {VIEW.places} are needed, better eight, all over the picture"
+        return f"the object rested flat in {where}; {COMPARISON.places} are needed, better eight, all over the picture"
     middles = np.array([p[u].mean(axis=0) for p, u in zip(seen.pixels, seen.usable)])
     widest = float(np.linalg.norm(middles[:, None] - middles, axis=-1).max())
-    if widest < VIEW.apart:
-        return f"the places are at most {widest:.0f} px apart; {VIEW.apart:.0f} are needed, better all over the picture"
+    if widest < COMPARISON.apart:
+        return f"the places are at most {widest:.0f} px apart; {COMPARISON.apart:.0f} are needed, better all over the picture"
     return ""
 
 
-def _strained(best: CameraFit, chosen: Effects) -> str:
+def _strain(best: CameraFit, chosen: Effects) -> str:
     """What would have to be off by more than it ever is, or how much is left, for this to be the explanation; "" for nothing."""
-    if best.scatter > VIEW.misfit:
-        return f"corners are off by {best.scatter:.1f} px from view to view in the best explanation; {VIEW.misfit:g} are usual"
+    if best.scatter > COMPARISON.misfit:
+        return f"corners are off by {best.scatter:.1f} px from view to view in the best explanation; {COMPARISON.misfit:g} are usual"
     free = {n for name in chosen for n in EFFECTS[name].numbers}
     for n, parameter in enumerate(PARAMETERS):
-        largest = parameter.largest if n in free else VIEW.strain * parameter.usual
+        largest = parameter.largest if n in free else COMPARISON.strain * parameter.usual
         if abs(best.vector[n]) > largest:
             off = f"{parameter.scale * best.vector[n]:.2g} {parameter.shown}".strip()
             return f"{parameter.said} would have to be off by {off}"

@@ -19,8 +19,8 @@ from sim2real.task.camera.model import CameraScene, LinearisedScene, linearise
 from sim2real.task.camera.parameters import COUNT
 from sim2real.thresholds import THRESHOLDS
 
-FIT = THRESHOLDS.view_fit
-MEASURED = np.repeat(THRESHOLDS.view_spreads.measured, 3)
+FIT = THRESHOLDS.camera_fit
+MEASURED = np.repeat(THRESHOLDS.camera_spreads.measured, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ def fit_scene(
 ) -> CameraFit:
     """The most probable numbers. start (k, 3): poses; scatter: px, None to estimate it; first: a fit to begin from."""
     held, begun = scatter is not None, first is not None
-    scatter = scatter if held else first.scatter if begun else THRESHOLDS.view_change.misfit
+    scatter = scatter if held else first.scatter if begun else THRESHOLDS.camera_comparison.misfit
     search = _Search(scene, prior)
     vector, poses = (first.vector, first.poses) if begun else (np.zeros(COUNT), start)
     if not begun:  # with long tails alone a gap would be taken for a heap of outliers

@@ -14,7 +14,7 @@ from np_description.keypoints import CORNERS
 from sim2real.task.camera.rest_poses import RestPose
 from sim2real.thresholds import THRESHOLDS
 
-PLACES = THRESHOLDS.places
+PLACES = THRESHOLDS.rest_poses
 FACES = np.array(
     [
         matrix_from_vector(np.array(vector) * np.pi / 2)
@@ -45,15 +45,18 @@ class FlatPoseFit:
 
 def fit_flat_pose(place: RestPose, camera: Camera) -> FlatPoseFit:
     """The way of lying that explains a place best, or the one that was measured."""
-    ways = list(_measured(place) if place.position is not None else _ways(place, camera))
+    ways = list(_measured_pose(place) if place.position is not None else _possible_poses(place, camera))
     if not ways:
         return FlatPoseFit(FACES[0], 0.0, np.array([0.5, 0.0, 0.0]), np.inf)
-    found = (FlatPoseFit(face, surface, pose, _off(place, camera, face, surface, pose)) for face, surface, pose in ways)
+    found = (
+        FlatPoseFit(face, surface, pose, _corner_error(place, camera, face, surface, pose))
+        for face, surface, pose in ways
+    )
     # A pose that was measured tells how the box lies; the corners may then be as far off as they like.
     return next(found) if place.position is not None else min(found, key=lambda one: one.off)
 
 
-def _measured(place: RestPose) -> Iterator[tuple[np.ndarray, float, np.ndarray]]:
+def _measured_pose(place: RestPose) -> Iterator[tuple[np.ndarray, float, np.ndarray]]:
     """The way in which the measured pose lies, none where it is tilted or in the air."""
     upright = place.rotation @ np.swapaxes(FACES, 1, 2)  # what is left to do by yaw alone
     face = int(np.argmax(upright[:, 2, 2]))
@@ -65,7 +68,7 @@ def _measured(place: RestPose) -> Iterator[tuple[np.ndarray, float, np.ndarray]]
         yield FACES[face], surface, np.array([*place.position[:2], yaw])
 
 
-def _ways(place: RestPose, camera: Camera) -> Iterator[tuple[np.ndarray, float, np.ndarray]]:
+def _possible_poses(place: RestPose, camera: Camera) -> Iterator[tuple[np.ndarray, float, np.ndarray]]:
     """Every face on every surface that is there, at the pose that its corners' known heights give.
 
     A pixel and a height make a point; the turn that brings the box nearest to its points is that of a product of complex numbers.
@@ -103,7 +106,7 @@ def _surfaces(domain: Domain, at: Sequence[float]) -> list[float]:
     return sorted(found)
 
 
-def _off(place: RestPose, camera: Camera, face: np.ndarray, surface: float, pose: np.ndarray) -> float:
+def _corner_error(place: RestPose, camera: Camera, face: np.ndarray, surface: float, pose: np.ndarray) -> float:
     half = np.asarray(place.domain.half_size)
     spin = matrix_from_vector(np.array([0.0, 0.0, pose[2]]))
     middle = np.array([*pose[:2], surface + np.abs(face[2]) @ half])

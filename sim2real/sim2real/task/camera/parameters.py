@@ -9,7 +9,7 @@ import numpy as np
 
 from sim2real.thresholds import THRESHOLDS
 
-SPREADS = THRESHOLDS.view_spreads
+SPREADS = THRESHOLDS.camera_spreads
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class CameraParameter:
 
     def is_seen(self, low: float, high: float) -> bool:
         """Whether an interval says something of the number: its sign, or that it is much nearer to nothing than a gap may be."""
-        return low > 0 or high < 0 or high - low <= 2 * 1.96 * THRESHOLDS.view_change.narrowed * self.gap
+        return low > 0 or high < 0 or high - low <= 2 * 1.96 * THRESHOLDS.camera_comparison.narrowed * self.gap
 
 
 def _axes(name: str, said: str, axes: str, unit: str, field: str, shown: str, scale: float, largest: float):

@@ -17,7 +17,7 @@ from sim2real.recordings.reading import SECOND, ContractViolation, bag_violation
 from sim2real.task.keypoint_track import KeypointTrack, find_rests, read_keypoint_track
 from sim2real.thresholds import THRESHOLDS
 
-PLACES = THRESHOLDS.places
+PLACES = THRESHOLDS.rest_poses
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +65,13 @@ def read_rest_poses(
     poses of `object_pose`, where it has them. Raises ContractViolation.
     """
     from np_description.message_arrays import BadMessage, pose_arrays
-    from np_description.objects.choice import recorded_domain
+    from np_description.objects.choice import read_domain
     from np_record.bag import BagError, Recording  # slow
 
     name, track = f"bag {path}", track or read_keypoint_track(path)
     try:
         with Recording(path, required=("keypoints",)) as recording:
-            domain, used = recorded_domain(recording.information), recording.information.get("calibration", "")
+            domain, used = read_domain(recording.information), recording.information.get("calibration", "")
             first = recording.rows("keypoints")["keypoints"][0].stamp
             rows = recording.rows("object_pose").get("object_pose", ()) if measured else ()
             poses = [(m.stamp, *pose_arrays(m.decode(), BASE_FRAME)) for m in rows]
@@ -80,7 +80,7 @@ def read_rest_poses(
     if used and not calibration:
         raise ContractViolation(f"{name}: expected the calibration that it was made with, {used}, got none")
     time = (np.array([stamp for stamp, _, _ in poses], float) - first) / SECOND
-    return [_measured(place, rest, track, time, poses) for place, rest in find_rest_poses(track, domain)]
+    return [_add_measurement(place, rest, track, time, poses) for place, rest in find_rest_poses(track, domain)]
 
 
 def find_rest_poses(track: KeypointTrack, domain: Domain) -> list[tuple[RestPose, slice]]:
@@ -143,7 +143,7 @@ def _corners(track: KeypointTrack, group: list[slice]) -> tuple[np.ndarray, np.n
     return np.where(kept[:, None], middle, np.nan), np.where(kept, error, np.nan), len(rows)
 
 
-def _measured(place: RestPose, rest: slice, track: KeypointTrack, time: np.ndarray, poses: list) -> RestPose:
+def _add_measurement(place: RestPose, rest: slice, track: KeypointTrack, time: np.ndarray, poses: list) -> RestPose:
     """The place with the pose measured in the middle of its images; as it is where there is none near."""
     if not poses:
         return place

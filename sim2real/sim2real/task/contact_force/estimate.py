@@ -28,7 +28,7 @@ from sim2real.task.contact_force.tap_slide import TapSlide
 from sim2real.task.hypotheses import HypothesisComparison, MeasuredChanges, compare_hypotheses
 from sim2real.thresholds import THRESHOLDS
 
-FORCE = THRESHOLDS.forcing
+FORCE = THRESHOLDS.friction_and_mass
 NUMBERS = ("table", "mass", "finger")
 """Logarithms of coefficients and mass over those that are believed in; the first two are those of `fit_friction_and_mass`."""
 EFFECTS = {"table_friction": ("table",), "object_mass": ("mass",), "gripper_friction": ("finger",)}
@@ -70,8 +70,8 @@ def estimate_friction_and_mass(
     value, covariance, misfit = fit_friction_and_mass(led, believed)
     covariance = np.maximum(1.0, jackknife_factor(led, believed, covariance)) * covariance
     value, covariance = value - [FORCE.law[0], 0.0], covariance + np.diag([FORCE.law[1] ** 2, 0.0])
-    value, covariance = _with_finger(value, covariance, every, believed)
-    comparison = compare_hypotheses(_measured(value, covariance))
+    value, covariance = _add_finger(value, covariance, every, believed)
+    comparison = compare_hypotheses(_measure(value, covariance))
     held = [
         (r.force - r.deviation) / (r.normal + r.normal_deviation) for r in every if r.kind == "scrape" or _is_led(r)
     ]
@@ -81,7 +81,7 @@ def estimate_friction_and_mass(
         misfit=misfit,
         before=before,
         after=after,
-        measured=_sizes(value, covariance, believed),
+        measured=_absolute_values(value, covariance, believed),
         least_finger=max(held, default=None),
     )
     if reason := find_external_pull(led, believed) or find_external_press(told["measured"], slid):
@@ -96,7 +96,7 @@ def estimate_friction_and_mass(
     return ContactForceResult(comparison.verdict, comparison, **told)
 
 
-def _with_finger(
+def _add_finger(
     value: np.ndarray, covariance: np.ndarray, every: Sequence[ForceReading], believed: NominalContact
 ) -> tuple[np.ndarray, np.ndarray]:
     """The numbers with the fingertip's, which is unknown unless strokes slip over an object that rests, all in one proportion."""
@@ -127,7 +127,7 @@ def _is_led(reading: ForceReading) -> bool:
     return reading.kind == "drag" and reading.follows >= FORCE.follows
 
 
-def _measured(value: np.ndarray, covariance: np.ndarray) -> MeasuredChanges:
+def _measure(value: np.ndarray, covariance: np.ndarray) -> MeasuredChanges:
     usual, gap = zip(FORCE.table, FORCE.mass, FORCE.finger)
     return MeasuredChanges(NUMBERS, value, covariance, np.array(usual), np.array(gap), EFFECTS)
 
@@ -144,7 +144,7 @@ def _held_out(used: Sequence[ForceReading], believed: NominalContact, named: set
     return float(np.sqrt(np.mean(np.square(before)))), float(np.sqrt(np.mean(np.square(after))))
 
 
-def _sizes(
+def _absolute_values(
     value: np.ndarray, covariance: np.ndarray, believed: NominalContact
 ) -> dict[str, tuple[float, float, float]]:
     """Value and interval of each coefficient and of the mass, of those that were measured at all."""

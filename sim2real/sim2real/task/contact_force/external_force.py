@@ -12,7 +12,7 @@ from sim2real.task.contact_force.readings import ForceReading
 from sim2real.task.contact_force.tap_slide import TapSlide, fit_deceleration
 from sim2real.thresholds import THRESHOLDS
 
-FORCE, SLIDE = THRESHOLDS.forcing, THRESHOLDS.tapping
+FORCE, SLIDE = THRESHOLDS.friction_and_mass, THRESHOLDS.tap_slides
 
 
 def find_external_pull(used: Sequence[ForceReading], believed: NominalContact) -> str:

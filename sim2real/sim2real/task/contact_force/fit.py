@@ -9,11 +9,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from np_description.domains import Domain
-from np_description.scene import contact_of
+from np_description.scene import contact_model
 from sim2real.task.contact_force.readings import ForceReading
 from sim2real.thresholds import THRESHOLDS
 
-FORCE = THRESHOLDS.forcing
+FORCE = THRESHOLDS.friction_and_mass
 GRAVITY = 9.81
 UNKNOWN = 1.5  # standard deviation of a number, a logarithm, before anything is known
 TAILS = 1.5  # deviations from which on a reading counts less: now and then the tip slips, or the object tips
@@ -33,7 +33,7 @@ class NominalContact:
     @classmethod
     def of(cls, domain: Domain) -> NominalContact:
         """The nominal contact of a domain."""
-        contact = contact_of(domain, domain.contact)
+        contact = contact_model(domain, domain.contact)
         return cls(contact.table, domain.mass, contact.finger)
 
 

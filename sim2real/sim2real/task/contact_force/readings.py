@@ -21,7 +21,7 @@ from sim2real.task.suite.recording import TaskRecording
 from sim2real.task.wrench import ArmMotion, arm_motion, leading_corner, tip_force_covariance, tip_forces
 from sim2real.thresholds import THRESHOLDS
 
-FORCE = THRESHOLDS.forcing
+FORCE = THRESHOLDS.friction_and_mass
 AIR = "drag_0"
 """The drag that presses nothing: the same way in the air."""
 AROUND = 0.06, 0.2  # s before a stroke and after it, between which the object is seen to rest

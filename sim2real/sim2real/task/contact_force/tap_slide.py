@@ -24,7 +24,7 @@ from sim2real.task.suite.recording import TaskRecording
 from sim2real.task.wrench import leading_corner
 from sim2real.thresholds import THRESHOLDS
 
-SLIDE = THRESHOLDS.tapping
+SLIDE = THRESHOLDS.tap_slides
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +54,10 @@ def fit_deceleration(of: Sequence[TapSlide]) -> float:
 
 def find_tap_slides(recording: TaskRecording, meeting: HandEyeOffset, camera: Camera = CAMERA) -> list[TapSlide]:
     """Of all taps of a recording. meeting: by how much faces are seen off; none without. camera: see `seen.over`."""
-    return [] if meeting.numbers is None else list(_slides(recording, meeting, camera))
+    return [] if meeting.numbers is None else list(_find_slides(recording, meeting, camera))
 
 
-def _slides(recording: TaskRecording, meeting: HandEyeOffset, camera: Camera) -> Iterator[TapSlide]:
+def _find_slides(recording: TaskRecording, meeting: HandEyeOffset, camera: Camera) -> Iterator[TapSlide]:
     for name in recording.named("tap"):
         rows = recording.rows(name)
         time = recording.log.time[rows]

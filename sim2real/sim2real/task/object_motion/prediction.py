@@ -17,7 +17,7 @@ from sim2real.task.object_motion.windows import MotionWindow, find_windows
 from sim2real.task.suite.recording import TaskRecording
 from sim2real.thresholds import THRESHOLDS
 
-MOTION = THRESHOLDS.motion
+MOTION = THRESHOLDS.object_motion
 
 
 @dataclass(frozen=True)
@@ -88,22 +88,22 @@ def predict_motion(
 
 def removed_share(before: np.ndarray, after: np.ndarray) -> ValueWithInterval:
     """Share of errors (n,) that is gone after, with its 95 % interval by the bootstrap over windows."""
-    drawn = _drawn(len(before))
-    return _gone(after.sum() / before.sum(), after[drawn].sum(axis=1) / before[drawn].sum(axis=1))
+    drawn = _draw(len(before))
+    return _removed(after.sum() / before.sum(), after[drawn].sum(axis=1) / before[drawn].sum(axis=1))
 
 
 def typical_removed_share(before: np.ndarray, after: np.ndarray) -> ValueWithInterval:
     """As `removed_share`, of the geometric mean of what is left of each window's error (n,): in it a window counts as much as any other, where a sum is
     what a few of them say in which a tip hops."""
     left = np.log(after / before)
-    return _gone(np.exp(left.mean()), np.exp(left[_drawn(len(left))].mean(axis=1)))
+    return _removed(np.exp(left.mean()), np.exp(left[_draw(len(left))].mean(axis=1)))
 
 
-def _drawn(count: int) -> np.ndarray:
+def _draw(count: int) -> np.ndarray:
     return np.random.default_rng(0).integers(count, size=(MOTION.draws, count))
 
 
-def _gone(left: float, drawn: np.ndarray) -> ValueWithInterval:
+def _removed(left: float, drawn: np.ndarray) -> ValueWithInterval:
     """1 - left, with the interval of draws of it."""
     low, high = np.quantile(1 - drawn, [0.025, 0.975])
     return ValueWithInterval(float(1 - left), float(low), float(high))

@@ -22,7 +22,7 @@ from sim2real.task.object_motion.windows import MotionWindow
 from sim2real.task.suite.object_pose import camera_over_table, pose_between
 from sim2real.thresholds import THRESHOLDS
 
-MOTION = THRESHOLDS.motion
+MOTION = THRESHOLDS.object_motion
 LEAST_CORNERS = 3  # of an image that counts
 STIFFNESS = MOTION.stiffness * np.array([4.0, 4, 4, 4, 1.5, 1.5, 1])  # Nm/rad, by which the arm is led
 DAMPING = 2 * np.sqrt(0.2 * STIFFNESS)  # Nm s/rad
@@ -64,14 +64,14 @@ class WindowSimulator:
         """
         recording = window.recording
         start = self._change.pose(pose_between(recording, window.rested, window.begin, self._seen_from()))
-        moments, poses = self._moved(window, start)
+        moments, poses = self._simulate(window, start)
         shown = recording.track.time[window.images] + recording.seen_from - self._late
         return [poses[k] for k in np.clip(np.searchsorted(moments, shown), 0, len(poses) - 1)]
 
     def off(self, window: MotionWindow, poses: Sequence[Pose]) -> float:
         """px by which corners are seen off where poses, one an image of the window, have them: root mean square over images of the median
         corner's distance, which a corner that is found wrongly leaves alone. Raises ContractViolation where too few corners are seen."""
-        squares = [self._off(window.recording.track, n, pose) for n, pose in zip(window.images, poses)]
+        squares = [self._corner_error(window.recording.track, n, pose) for n, pose in zip(window.images, poses)]
         squares = [one for one in squares if one is not None]
         if not squares:
             raise ContractViolation(f"{window.experiment}: expected images of its motion, got none")
@@ -81,7 +81,7 @@ class WindowSimulator:
         """A table that is higher is one from which the camera is less high."""
         return camera_over_table(self._view.camera, self._change.lift)
 
-    def _off(self, track, image: int, pose: Pose) -> float | None:
+    def _corner_error(self, track, image: int, pose: Pose) -> float | None:
         """px^2, of the median corner of an image; None where too few are usable."""
         usable = track.usable[image]
         if usable.sum() < LEAST_CORNERS:
@@ -90,7 +90,7 @@ class WindowSimulator:
         expected = self._view.lens(self._view.camera.project(corners)[0])
         return float(np.median(np.linalg.norm((expected - track.pixels[image])[usable], axis=1)) ** 2)
 
-    def _moved(self, window: MotionWindow, start: Pose) -> tuple[np.ndarray, list[Pose]]:
+    def _simulate(self, window: MotionWindow, start: Pose) -> tuple[np.ndarray, list[Pose]]:
         """Moments (n,) s and the object's poses."""
         log, rows, engine = window.recording.log, window.rows, self._engine
         engine.reset(start)

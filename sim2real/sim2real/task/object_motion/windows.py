@@ -11,7 +11,7 @@ from np_control.kinematics import forward_kinematics
 from sim2real.task.suite.recording import TaskRecording
 from sim2real.thresholds import THRESHOLDS
 
-MOTION = THRESHOLDS.motion
+MOTION = THRESHOLDS.object_motion
 FAMILIES = ("drag", "push", "shove", "tap")
 """Experiments that move the object."""
 

@@ -18,7 +18,7 @@ from sim2real.task.camera.parameters import COUNT
 from sim2real.task.hypotheses import INDISTINGUISHABLE_LOG_BAYES_FACTOR
 from sim2real.thresholds import THRESHOLDS
 
-SCATTER = THRESHOLDS.view_fit.scatter[0]
+SCATTER = THRESHOLDS.camera_fit.scatter[0]
 STEP, ROUNDS = 1e-4, 5  # rad of a derivative; of Newton: the picture is nearly a plane
 
 
@@ -45,13 +45,15 @@ def _turn(camera: Camera, place: np.ndarray, off: np.ndarray) -> np.ndarray:
     """rad (2,) by which a camera is turned that shows what is at a place (3,) m off by m (2,)."""
     turn = np.zeros(2)
     for _ in range(ROUNDS):
-        here = _shown_off(camera, place, turn)
-        slopes = np.column_stack([(_shown_off(camera, place, turn + STEP * axis) - here) / STEP for axis in np.eye(2)])
+        here = _displacement(camera, place, turn)
+        slopes = np.column_stack(
+            [(_displacement(camera, place, turn + STEP * axis) - here) / STEP for axis in np.eye(2)]
+        )
         turn = turn + np.linalg.solve(slopes, off - here)
     return turn
 
 
-def _shown_off(camera: Camera, place: np.ndarray, turn: np.ndarray) -> np.ndarray:
+def _displacement(camera: Camera, place: np.ndarray, turn: np.ndarray) -> np.ndarray:
     rotation = matrix_from_vector(np.array([*turn, 0.0])) @ np.asarray(camera.rotation)
     true = replace(camera, rotation=tuple(map(tuple, rotation.tolist())))
     return camera.at_height(camera.rays(true.project(place[None])[0]), place[2])[0] - place[:2]

@@ -21,7 +21,7 @@ from sim2real.task.suite.recording import TaskRecording
 from sim2real.task.wrench import leading_corner
 from sim2real.thresholds import THRESHOLDS
 
-MEET = THRESHOLDS.meeting
+OFFSET = THRESHOLDS.hand_eye_offset
 NUMBERS = ("x", "y", "out")
 """m: by which things are seen off in the base frame, and by which every face is met farther out than it is seen."""
 EFFECTS = {"picture": ("x", "y")}
@@ -64,36 +64,36 @@ class HandEyeOffset:
 def estimate_hand_eye_offset(recording: TaskRecording, camera: Camera = CAMERA) -> HandEyeOffset:
     """Of the pushes and shoves of a recording. camera: over the table as it was felt, see `seen.over`."""
     names = (name for family in ("push", "shove") for name in recording.named(family))
-    faces = (_met(recording, name, camera) for name in names)
+    faces = (_touched_face(recording, name, camera) for name in names)
     return offset_from_faces(tuple(face for face in faces if face is not None))
 
 
 def offset_from_faces(faces: tuple[FaceContact, ...]) -> HandEyeOffset:
     """Of faces: see `estimate_hand_eye_offset`."""
-    if len(faces) < MEET.least:
-        return HandEyeOffset("undetermined", None, faces, f"{len(faces)} faces were met; {MEET.least} are needed")
+    if len(faces) < OFFSET.least:
+        return HandEyeOffset("undetermined", None, faces, f"{len(faces)} faces were met; {OFFSET.least} are needed")
     columns = np.array([[-n.normal[0], -n.normal[1], 1.0] for n in faces])
     gaps = np.array([n.gap for n in faces])
-    usual, gap = (np.array(v) for v in zip(MEET.picture, MEET.picture, (MEET.out, 0.0)))
+    usual, gap = (np.array(v) for v in zip(OFFSET.picture, OFFSET.picture, (OFFSET.out, 0.0)))
     before = np.diag(1 / (usual**2 + gap**2))
-    precision = columns.T @ columns / MEET.face**2
-    value = np.linalg.solve(precision + before, columns.T @ gaps / MEET.face**2)
+    precision = columns.T @ columns / OFFSET.face**2
+    value = np.linalg.solve(precision + before, columns.T @ gaps / OFFSET.face**2)
     residual = float(np.sqrt(np.mean((gaps - columns @ value) ** 2)))
-    if residual > MEET.left:
+    if residual > OFFSET.left:
         return HandEyeOffset(
             "unexplained", None, faces, f"faces are met {1e3 * residual:.1f} mm off any place and size", residual
         )
     # Of numbers that no face narrows, what was measured is nothing at all: a little of what is known beforehand keeps it finite.
     inverse = np.linalg.inv(precision + 1e-6 * before)
-    covariance = inverse * max(1.0, (residual / MEET.face) ** 2) + np.diag([MEET.common**2, MEET.common**2, 0.0])
-    measured = MeasuredChanges(NUMBERS, inverse @ columns.T @ gaps / MEET.face**2, covariance, usual, gap, EFFECTS)
+    covariance = inverse * max(1.0, (residual / OFFSET.face) ** 2) + np.diag([OFFSET.common**2, OFFSET.common**2, 0.0])
+    measured = MeasuredChanges(NUMBERS, inverse @ columns.T @ gaps / OFFSET.face**2, covariance, usual, gap, EFFECTS)
     comparison = compare_hypotheses(measured)
     is_blind = not comparison.findings and len(comparison.unidentifiable) == 2
     reason = "faces were met from too few sides" if is_blind else ""
     return HandEyeOffset("undetermined" if is_blind else comparison.verdict, comparison, faces, reason, residual, value)
 
 
-def _met(recording: TaskRecording, name: str, camera: Camera) -> FaceContact | None:
+def _touched_face(recording: TaskRecording, name: str, camera: Camera) -> FaceContact | None:
     """The face on which the tip of a push rests in the end; None where it does not, or is not seen."""
     end = find_push_end(recording, name, camera)
     if end is None:
@@ -101,7 +101,7 @@ def _met(recording: TaskRecording, name: str, camera: Camera) -> FaceContact | N
     resting = RestingObject.of(recording.domain, end.pose)
     outward = [(float(normal @ end.ahead[:2]), normal, distance) for normal, distance in resting.sides()]
     along, normal, distance = min(outward, key=lambda one: one[0])
-    if -along < MEET.square:
+    if -along < OFFSET.square:
         return None
     position, turn = forward_kinematics(recording.log.position[end.rows])
     tip = position + turn @ np.array([0.0, 0.0, BEYOND])

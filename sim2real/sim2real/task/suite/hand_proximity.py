@@ -18,7 +18,7 @@ from sim2real.task.suite.object_pose import pose_between
 from sim2real.task.suite.recording import TaskRecording
 from sim2real.thresholds import THRESHOLDS
 
-UNTOUCHED, MOTION = THRESHOLDS.untouched, THRESHOLDS.motion
+STATIC, MOTION = THRESHOLDS.static_scene, THRESHOLDS.object_motion
 RATE = 100.0  # rows a second of the hand's way
 FIRST = 1.0  # s, of images that tell how the object lies
 
@@ -42,8 +42,8 @@ class HandTrajectory:
     @property
     def quick(self) -> list[tuple[float, float]]:
         """(begin, end) s between which it moves the object faster than a step of the picture is judged by, and what it does is seen."""
-        moves = self._stretches(self.is_near & (self.speed > UNTOUCHED.slow))
-        return [(begin - UNTOUCHED.early, end) for begin, end in moves]
+        moves = self._stretches(self.is_near & (self.speed > STATIC.slow))
+        return [(begin - STATIC.early, end) for begin, end in moves]
 
     def _stretches(self, rows: np.ndarray) -> list[tuple[float, float]]:
         found = np.flatnonzero(rows)
@@ -54,8 +54,8 @@ class HandTrajectory:
 def hand_trajectory(recording: TaskRecording, camera: Camera = CAMERA, lift: float = 0.0) -> HandTrajectory:
     """Of a recording of the task suite. lift: m by which the table was felt to be higher; camera: as it looks at that table (`seen.over`).
 
-    The hand is near where the tip's end is no higher than `UNTOUCHED.above` over the object's top, and no farther than
-    `UNTOUCHED.beside` from the circle about the object. The housing is not asked: the suite lets it pass tall objects.
+    The hand is near where the tip's end is no higher than `STATIC.above` over the object's top, and no farther than
+    `STATIC.beside` from the circle about the object. The housing is not asked: the suite lets it pass tall objects.
     Raises ContractViolation where the object is not seen at first.
     """
     log, begin = recording.log, recording.seen_from
@@ -64,9 +64,9 @@ def hand_trajectory(recording: TaskRecording, camera: Camera = CAMERA, lift: flo
     time, (position, turn) = log.time[rows], forward_kinematics(log.position[rows])
     seen, middle = _middles(recording, camera, resting.height / 2)
     away = np.hypot(*(position[:, axis] - np.interp(time, seen, middle[:, axis]) for axis in range(2)))
-    low = lowest_corner(position, turn)[:, 2] < lift + resting.height + UNTOUCHED.above
+    low = lowest_corner(position, turn)[:, 2] < lift + resting.height + STATIC.above
     along = np.gradient(position[:, :2], time, axis=0)
-    return HandTrajectory(time, low & (away < resting.reach + RADIUS + UNTOUCHED.beside), np.hypot(*along.T))
+    return HandTrajectory(time, low & (away < resting.reach + RADIUS + STATIC.beside), np.hypot(*along.T))
 
 
 def mask_touched_images(recording: TaskRecording, camera: Camera = CAMERA) -> KeypointTrack:
@@ -85,19 +85,19 @@ def mask_touched_images(recording: TaskRecording, camera: Camera = CAMERA) -> Ke
 def _middles(recording: TaskRecording, camera: Camera, height: float) -> tuple[np.ndarray, np.ndarray]:
     """s of the log (n,) and places (n, 2) m of the object's middle, `height` m over the table, of images that show all corners well enough."""
     track = recording.track
-    known = track.usable.sum(axis=1) >= UNTOUCHED.corners
+    known = track.usable.sum(axis=1) >= STATIC.corners
     seen = [c for c in range(COUNT) if track.usable[:, c].any()]
     if not known.any() or not seen:
         raise ContractViolation("the object is not seen")
     # All of them, or the middle goes.
     corners = [interpolate_hidden(track.time, track.pixels[:, c], track.usable[:, c]) for c in seen]
     pixels = np.mean(corners, axis=0)[known]
-    pixels = median_filter(pixels, size=(UNTOUCHED.window, 1), mode="nearest")  # a corner that is found wrongly
+    pixels = median_filter(pixels, size=(STATIC.window, 1), mode="nearest")  # a corner that is found wrongly
     return track.time[known] + recording.seen_from, camera.at_height(camera.rays(pixels), height)
 
 
 def interpolate_hidden(time: np.ndarray, pixels: np.ndarray, usable: np.ndarray) -> np.ndarray:
     """Pixels (n, 2) of a corner; while it is hidden it goes straight from where it was to where it is afterwards, by medians of some images."""
-    known = median_filter(pixels[usable], size=(UNTOUCHED.window, 1), mode="nearest")
+    known = median_filter(pixels[usable], size=(STATIC.window, 1), mode="nearest")
     between = np.column_stack([np.interp(time, time[usable], axis) for axis in known.T])
     return np.where(usable[:, None], pixels, between)

@@ -23,7 +23,7 @@ from sim2real.task.suite.pushed_object import PushedObject, find_push_end, mean_
 from sim2real.task.suite.recording import TaskRecording
 from sim2real.thresholds import THRESHOLDS
 
-LAG = THRESHOLDS.lag
+LATENCY = THRESHOLDS.image_latency
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,33 +53,37 @@ def latency_from_pushes(pushes: tuple[PushedObject, ...]) -> ImageLatency:
     """The weighted mean over pushes. Its error follows from theirs, or from their scatter where that is larger, and from what all have in
     common."""
     fits = [_late(one) for one in pushes]
-    good = [(fit, one) for fit, one in zip(fits, pushes) if fit[2] < LAG.left and abs(fit[0]) < 0.99 * LAG.within]
+    good = [
+        (fit, one) for fit, one in zip(fits, pushes) if fit[2] < LATENCY.left and abs(fit[0]) < 0.99 * LATENCY.within
+    ]
     each, kept = tuple(late for (late, _, _), _ in good), tuple(one for _, one in good)
-    if sum(one.counts for one in kept) < LAG.least:
+    if sum(one.counts for one in kept) < LATENCY.least:
         return ImageLatency(
             "undetermined",
             None,
             each,
             kept,
-            f"{len(each)} pushes led the object as they should; {LAG.least} are needed",
+            f"{len(each)} pushes led the object as they should; {LATENCY.least} are needed",
         )
-    deviations = np.array([np.hypot(fit[1], LAG.sways if one.periods else 0.0) for fit, one in good])
+    deviations = np.array([np.hypot(fit[1], LATENCY.sways if one.periods else 0.0) for fit, one in good])
     rows = np.array([one.row for one in kept])
     value, own = _middle(np.array(each), deviations, rows)
-    deviation = float(np.hypot(own, LAG.common))
+    deviation = float(np.hypot(own, LATENCY.common))
     late = ValueWithInterval(value, value - NORMAL_95 * deviation, value + NORMAL_95 * deviation)
-    return ImageLatency("ambiguous" if late.low > LAG.seen or late.high < -LAG.seen else "no_gap", late, each, kept)
+    return ImageLatency(
+        "ambiguous" if late.low > LATENCY.seen or late.high < -LATENCY.seen else "no_gap", late, each, kept
+    )
 
 
 def _middle(late: np.ndarray, deviation: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
     """Delay s of the picture's middle row, with its deviation, of delays (n,) of pushes with deviations (n,) that were seen in `rows` (n,), shares of
     the picture's height. One that is far off the others counts for as little as it should."""
-    deviation, (usual, spread) = np.hypot(deviation, LAG.own), LAG.rows
+    deviation, (usual, spread) = np.hypot(deviation, LATENCY.own), LATENCY.rows
     columns, off = np.column_stack([np.ones(len(rows)), -rows]), late + usual * rows  # lower rows are of later moments
     found, left = np.array([np.median(off), 0.0]), np.zeros(len(late))  # s, and s by which rows take longer than usual
     for _ in range(20):
         left = (off - columns @ found) / deviation
-        weights = 1 / deviation**2 / np.maximum(1.0, np.abs(left) / LAG.far_off)
+        weights = 1 / deviation**2 / np.maximum(1.0, np.abs(left) / LATENCY.far_off)
         precision = columns.T @ (weights[:, None] * columns) + np.diag([0.0, spread**-2])
         found = np.linalg.solve(precision, columns.T @ (weights * off))
     scatter = float(weights @ left**2 / weights.sum()) * len(late) / max(len(late) - 1, 1)
@@ -93,18 +97,18 @@ def _late(one: PushedObject) -> tuple[float, float, float]:
         """x: delay in ms, scale in %, place of rest in mm; of a sway its play in mm."""
         tip = apply_play(one.tip, 1e-3 * abs(x[3])) if one.periods else one.tip
         led = (1 + 1e-2 * x[1]) * np.interp(one.time - 1e-3 * x[0], one.at, tip) + 1e-3 * x[2]
-        usual = [x[1] / LAG.scale, *(x[3:] / (1e3 * LAG.play))]  # or these would stand in for the delay
-        return np.append((led - one.way) / LAG.way, usual)
+        usual = [x[1] / LATENCY.scale, *(x[3:] / (1e3 * LATENCY.play))]  # or these would stand in for the delay
+        return np.append((led - one.way) / LATENCY.way, usual)
 
     first, scale = ([0.1], [0.1]) if one.periods else ([], [])
-    starts = [np.array([delay, 0.0, 0.0, *first]) for delay in np.arange(-100.0, 1e3 * LAG.within, 20.0)]
+    starts = [np.array([delay, 0.0, 0.0, *first]) for delay in np.arange(-100.0, 1e3 * LATENCY.within, 20.0)]
     start = min(starts, key=lambda x: float(off(x) @ off(x)))
     found = least_squares(off, start, loss="soft_l1", diff_step=1e-2, x_scale=(10.0, 1.0, 0.3, *scale))
     variance = np.linalg.inv(found.jac.T @ found.jac)[0, 0] * max(1.0, 2 * found.cost / len(one.time))
     return (
         1e-3 * float(found.x[0]),
         1e-3 * float(np.sqrt(variance)),
-        LAG.way * float(np.sqrt(np.mean(off(found.x)[: len(one.time)] ** 2))),
+        LATENCY.way * float(np.sqrt(np.mean(off(found.x)[: len(one.time)] ** 2))),
     )
 
 
@@ -123,8 +127,8 @@ def _led(recording: TaskRecording, name: str, camera: Camera) -> PushedObject | 
     known = np.isfinite(way)
     # On its way: once it has gone a part of what it goes in all, so that the tip surely has it.
     moved = way - np.nanmin(way) if known.any() else way
-    going = known & (moved > LAG.begun) & (np.arange(len(way)) > np.argmax(moved > LAG.begun))
-    if going.sum() < LAG.images or np.nanmax(moved) < LAG.far or np.nanmax(np.abs(turned)) > LAG.turned:
+    going = known & (moved > LATENCY.begun) & (np.arange(len(way)) > np.argmax(moved > LATENCY.begun))
+    if going.sum() < LATENCY.images or np.nanmax(moved) < LATENCY.far or np.nanmax(np.abs(turned)) > LATENCY.turned:
         return None
     row = mean_image_row(recording, images[going], camera)
     return PushedObject(name, taken[images][going], way[going], rest.time, (rest.tip - rest.at) @ ahead, row)

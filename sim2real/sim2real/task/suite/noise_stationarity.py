@@ -11,7 +11,7 @@ from scipy.ndimage import median_filter
 from sim2real.task.keypoint_track import KeypointTrack
 from sim2real.thresholds import THRESHOLDS
 
-UNTOUCHED = THRESHOLDS.untouched
+STATIC = THRESHOLDS.static_scene
 
 
 def noise_variation_factor(track: KeypointTrack, stretches: Iterable[slice]) -> float:
@@ -26,23 +26,23 @@ def noise_variation_factor(track: KeypointTrack, stretches: Iterable[slice]) -> 
         return 1.0
     rng = np.random.default_rng(0)
     seen = _common(pieces)
-    chance = [_common([_rolled(piece, rng) for piece in pieces]) for _ in range(UNTOUCHED.draws)]
-    if seen < UNTOUCHED.unlike * max(chance):
+    chance = [_common([_roll(piece, rng) for piece in pieces]) for _ in range(STATIC.draws)]
+    if seen < STATIC.unlike * max(chance):
         return 1.0
     return float(np.exp(np.sqrt(max(seen - float(np.mean(chance)), 0.0))))
 
 
 def _sizes(track: KeypointTrack, images: slice) -> np.ndarray | None:
     """Log px (n, c) of each corner's distance from where it is in the images about; None of a stretch that is too short."""
-    steady = track.usable[images].mean(axis=0) > UNTOUCHED.shown
-    if images.stop - images.start < 3 * UNTOUCHED.window or steady.sum() < UNTOUCHED.corners:
+    steady = track.usable[images].mean(axis=0) > STATIC.shown
+    if images.stop - images.start < 3 * STATIC.window or steady.sum() < STATIC.corners:
         return None
     pixels = track.pixels[images][:, steady]
-    off = np.linalg.norm(pixels - median_filter(pixels, size=(UNTOUCHED.window, 1, 1), mode="nearest"), axis=-1)
+    off = np.linalg.norm(pixels - median_filter(pixels, size=(STATIC.window, 1, 1), mode="nearest"), axis=-1)
     return np.log(np.where(off > 0, off, np.nan))
 
 
-def _rolled(sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _roll(sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     shifts = rng.integers(len(sizes), size=sizes.shape[1])
     return np.stack([np.roll(column, shift) for column, shift in zip(sizes.T, shifts)], axis=1)
 
@@ -51,11 +51,11 @@ def _common(pieces: list[np.ndarray]) -> float:
     """Variance, over windows of images, of the mean log size of all corners of a window; 0 where nothing scatters."""
     found = []
     for sizes in pieces:
-        count = len(sizes) // UNTOUCHED.window
+        count = len(sizes) // STATIC.window
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # a window that is empty
             windows = np.nanmedian(
-                sizes[: count * UNTOUCHED.window].reshape(count, UNTOUCHED.window * sizes.shape[1]), axis=1
+                sizes[: count * STATIC.window].reshape(count, STATIC.window * sizes.shape[1]), axis=1
             )
         known = windows[np.isfinite(windows)]
         if len(known):  # none of a simulator's own corners, which do not scatter

@@ -19,7 +19,7 @@ from sim2real.task.suite.object_pose import pose_between
 from sim2real.task.suite.recording import TaskRecording
 from sim2real.thresholds import THRESHOLDS
 
-COVERED = THRESHOLDS.covered
+OCCLUSION = THRESHOLDS.occlusion
 _HAND = NOMINAL.frames["hand_tcp"].position[2]
 PARTS = (
     ((0.0, 0.0, BEYOND / 2 - 0.02), (HALF[0], 0.022, BEYOND / 2 + 0.02)),  # both fingers, closed
@@ -43,7 +43,7 @@ def mask_occluded_keypoints(recording: TaskRecording, camera: Camera = CAMERA) -
     an object that is tipped over by an experiment is not. As it is where the object is not seen at first."""
     track, log = recording.track, recording.log
     try:
-        pose = pose_between(recording, recording.seen_from, recording.seen_from + COVERED.first, camera)
+        pose = pose_between(recording, recording.seen_from, recording.seen_from + OCCLUSION.first, camera)
     except ContractViolation:
         return recording
     heights = RestingObject.of(recording.domain, pose).corners(np.zeros(2))[:, 2]
@@ -64,9 +64,9 @@ def _is_behind(eye: np.ndarray, places: np.ndarray, position: np.ndarray, turn: 
     way = np.einsum("nij,ni->nj", turn, places - eye)
     found = np.zeros(len(places), bool)
     for centre, half in PARTS:
-        wide = np.asarray(half) + COVERED.beside
+        wide = np.asarray(half) + OCCLUSION.beside
         with np.errstate(divide="ignore", invalid="ignore"):
             one, other = ((np.asarray(centre) + sign * wide - begin) / way for sign in (-1.0, 1.0))
         enters, leaves = np.minimum(one, other).max(axis=1), np.maximum(one, other).min(axis=1)
-        found |= (enters < leaves) & (leaves > 0) & (enters < COVERED.before)
+        found |= (enters < leaves) & (leaves > 0) & (enters < OCCLUSION.before)
     return found

@@ -18,14 +18,14 @@ from sim2real.task.suite.pushed_object import PushedObject, mean_image_row, trac
 from sim2real.task.suite.recording import TaskRecording
 from sim2real.thresholds import THRESHOLDS
 
-LAG = THRESHOLDS.lag
+LATENCY = THRESHOLDS.image_latency
 RATE = 100.0  # rows a second of the tip's way
 RESTED = 0.25  # s before the tip leaves, and after, in which the object is seen to rest
 
 
 def find_oscillating_pushes(recording: TaskRecording, camera: Camera = CAMERA) -> tuple[PushedObject, ...]:
     """Every sway in which the object goes along; none in a recording without, or of an object that does not."""
-    return tuple(one for name in recording.named("sway") if (one := _swayed(recording, name, camera)))
+    return tuple(one for name in recording.named("sway") if (one := _oscillating_push(recording, name, camera)))
 
 
 def apply_play(tip: np.ndarray, play: float) -> np.ndarray:
@@ -37,10 +37,10 @@ def apply_play(tip: np.ndarray, play: float) -> np.ndarray:
     return np.array(found)
 
 
-def _swayed(recording: TaskRecording, name: str, camera: Camera) -> PushedObject | None:
+def _oscillating_push(recording: TaskRecording, name: str, camera: Camera) -> PushedObject | None:
     rows, log = recording.rows(name), recording.log
     time, tip = log.time[rows], forward_kinematics(log.position[rows])[0]
-    down = np.flatnonzero(tip[:, 2] < tip[:, 2].min() + LAG.down)
+    down = np.flatnonzero(tip[:, 2] < tip[:, 2].min() + LATENCY.down)
     leaves = float(time[down[-1]])
     try:
         rest = pose_between(recording, leaves - RESTED, leaves + RESTED, camera)
@@ -54,14 +54,14 @@ def _swayed(recording: TaskRecording, name: str, camera: Camera) -> PushedObject
     # Where the object is within its play is known from the first turn on.
     begin, end = float(goes[0]) + SWAYS[0] / 2, float(goes[-1])
     taken = recording.track.time + recording.seen_from
-    images = np.flatnonzero((taken > begin) & (taken < min(end + LAG.within, leaves)))
+    images = np.flatnonzero((taken > begin) & (taken < min(end + LATENCY.within, leaves)))
     moved, turned = track_displacement(recording, images, rest, ahead, camera)
     lever = at - rest.position
     moved = (
         moved - np.sin(turned) * float(lever @ [-ahead[1], ahead[0], 0.0]) + (np.cos(turned) - 1) * float(lever @ ahead)
     )
     known = np.isfinite(moved)
-    if known.sum() < LAG.images or np.ptp(moved[known]) < LAG.follows * np.ptp(way):
+    if known.sum() < LATENCY.images or np.ptp(moved[known]) < LATENCY.follows * np.ptp(way):
         return None
     few = slice(None, None, max(1, round(1 / RATE / float(np.median(np.diff(time))))))
     row = mean_image_row(recording, images[known], camera)

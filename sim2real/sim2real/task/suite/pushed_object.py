@@ -16,7 +16,7 @@ from sim2real.task.suite.object_pose import pose_between
 from sim2real.task.suite.recording import TaskRecording
 from sim2real.thresholds import THRESHOLDS
 
-LAG = THRESHOLDS.lag
+LATENCY = THRESHOLDS.image_latency
 STEP = 1e-4  # m, rad, of a derivative
 
 
@@ -48,15 +48,15 @@ def find_push_end(recording: TaskRecording, name: str, camera: Camera = CAMERA) 
     """The end of a push; None where the object is not seen then."""
     log, rows = recording.log, recording.rows(name)
     time, tip = log.time[rows], forward_kinematics(log.position[rows])[0]
-    low = tip[:, 2] < tip[:, 2].min() + LAG.down
+    low = tip[:, 2] < tip[:, 2].min() + LATENCY.down
     begin = int(np.argmax(low))
     away = np.linalg.norm(tip[:, :2] - tip[begin, :2], axis=1) * low
-    far = np.flatnonzero(away > away.max() - LAG.rested)
+    far = np.flatnonzero(away > away.max() - LATENCY.rested)
     stop, leaves = float(time[far[0]]), float(time[far[-1]])
     ahead = (tip[far[0]] - tip[begin]) * (1.0, 1.0, 0.0)
     ahead /= max(float(np.linalg.norm(ahead)), 1e-6)
     try:
-        pose = pose_between(recording, stop + LAG.settle, leaves, camera)
+        pose = pose_between(recording, stop + LATENCY.settle, leaves, camera)
     except ContractViolation:
         return None
     at = tip[far].mean(axis=0)
@@ -101,7 +101,7 @@ def track_displacement(recording: TaskRecording, images: np.ndarray, rest: Pose,
 
     for row, image in enumerate(images):
         usable = recording.track.usable[image]
-        if usable.sum() < LAG.corners:
+        if usable.sum() < LATENCY.corners:
             continue
         seen = recording.track.pixels[image]
 
@@ -115,7 +115,7 @@ def track_displacement(recording: TaskRecording, images: np.ndarray, rest: Pose,
             columns = np.column_stack([(off(x + STEP * unit) - here) / STEP for unit in np.eye(3)])
             x = x - np.linalg.lstsq(columns * weights[:, None], here * weights, rcond=None)[0]
             far = np.linalg.norm(off(x).reshape(-1, 2), axis=1)
-            weights = np.repeat(np.sqrt(np.minimum(1.0, LAG.wrong / np.maximum(far, 1e-9))), 2)
+            weights = np.repeat(np.sqrt(np.minimum(1.0, LATENCY.wrong / np.maximum(far, 1e-9))), 2)
         found[row] = x[0], x[2]
     return found.T
 

@@ -60,13 +60,13 @@ class NotATaskSuite(ContractViolation):
 
 def read_task(path: str | Path) -> TaskRecording:
     """A rosbag2 recording of the task suite. Raises NoSuite for one of something else, ContractViolation."""
-    from np_description.objects.choice import recorded_domain
+    from np_description.objects.choice import read_domain
     from np_record.bag import BagError, Recording  # slow
 
     log, track = load_bag(path), read_keypoint_track(path)
     try:
         with Recording(path, required=("joint_states", "keypoints")) as recording:
-            domain = recorded_domain(recording.information)
+            domain = read_domain(recording.information)
             first, seen = (recording.rows(topic)[topic][0].stamp for topic in ("joint_states", "keypoints"))
     except (BagError, ValueError) as error:
         raise bag_violation(path, error) from error

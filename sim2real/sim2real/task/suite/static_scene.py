@@ -18,7 +18,7 @@ from sim2real.task.suite.noise_stationarity import noise_variation_factor
 from sim2real.task.suite.recording import TaskRecording
 from sim2real.thresholds import THRESHOLDS
 
-UNTOUCHED = THRESHOLDS.untouched
+STATIC = THRESHOLDS.static_scene
 NOISE = {"keypoint_noise", "keypoint_outliers"}
 """What a detector's stage names that makes a picture that keeps still seem to move."""
 
@@ -43,41 +43,41 @@ def check_static_scene(
     """Of a recording of the task suite. camera, lift: as of `hand_proximity.hand_trajectory`; scatter: of its corners: what noise that is named makes of a picture
     that keeps still is no motion. Raises ContractViolation where the hand is at the object all the time."""
     own = hand_trajectory(recording, camera, lift)
-    free = list(_between(recording, own))
-    ways = [way for begin, end in free if (way := _way(recording, begin, end))]
+    free = list(_untouched_spans(recording, own))
+    ways = [way for begin, end in free if (way := _displacement(recording, begin, end))]
     if not ways:
         raise ContractViolation("the hand was at the object, or hid it, all the time")
     moved, at, _ = max(ways)
     noise = float(np.median([noise for _, _, noise in ways]))
-    if moved > max(UNTOUCHED.moved, UNTOUCHED.surely * noise):
+    if moved > max(STATIC.moved, STATIC.surely * noise):
         reason = f"the picture moves by {moved:.1f} px at {at:.0f} s, while nothing touches the object"
         return StaticSceneCheck("unexplained", moved, at, reason)
     is_noisy = scatter is not None and bool(visible_noise_effects(scatter).keys() & NOISE)
     step, when, usual, by_chance = _step(recording, own, is_noisy)
-    if step > max(UNTOUCHED.step, UNTOUCHED.surely * usual, by_chance):
+    if step > max(STATIC.step, STATIC.surely * usual, by_chance):
         reason = f"the picture jumps by {step:.1f} px at {when:.0f} s, faster than the hand moves the object"
         return StaticSceneCheck("unexplained", step, when, reason)
     factor = noise_variation_factor(recording.track, [_images(recording, begin, end) for begin, end in free])
-    if factor > UNTOUCHED.uneven:
+    if factor > STATIC.uneven:
         reason = f"corners of an object at rest scatter by {factor:.1f} times more or less from moment to moment: light or exposure changes"
         return StaticSceneCheck("unexplained", moved, at, reason)
     return StaticSceneCheck("no_gap", moved, at)
 
 
-def _shuffled(values: np.ndarray) -> Iterator[np.ndarray]:
+def _shuffle(values: np.ndarray) -> Iterator[np.ndarray]:
     """Draws of what corners (n, c, 2) do each for itself, every corner at another time: all of its noise, and no motion of all of them."""
     rng = np.random.default_rng(0)
     own = values - np.nanmedian(values, axis=1, keepdims=True)
-    for _ in range(UNTOUCHED.draws):
+    for _ in range(STATIC.draws):
         shifts = rng.integers(len(own), size=own.shape[1])
         yield np.stack([np.roll(own[:, k], shift, axis=0) for k, shift in enumerate(shifts)], axis=1)
 
 
-def _between(recording: TaskRecording, own: HandTrajectory) -> Iterator[tuple[float, float]]:
+def _untouched_spans(recording: TaskRecording, own: HandTrajectory) -> Iterator[tuple[float, float]]:
     """(begin, end) s between which the hand is not at the object."""
     begin = recording.seen_from
     for first, last in [*own.touching, (float(recording.log.time[-1]), np.inf)]:
-        if first - begin > UNTOUCHED.least:
+        if first - begin > STATIC.least:
             yield begin, first
         begin = max(begin, last)
 
@@ -87,20 +87,20 @@ def _images(recording: TaskRecording, begin: float, end: float) -> slice:
     return slice(*np.searchsorted(recording.track.time + recording.seen_from, [begin, end]).tolist())
 
 
-def _way(recording: TaskRecording, begin: float, end: float) -> tuple[float, float, float] | None:
+def _displacement(recording: TaskRecording, begin: float, end: float) -> tuple[float, float, float] | None:
     """px by which the corners together go from their middle place in a stretch, by medians over some images; s at which they are farthest; px
     of noise of such a way, by what corners do each for itself. None where too little is seen."""
     track, images = recording.track, _images(recording, begin, end)
     taken = track.time + recording.seen_from
-    steady = track.usable[images].mean(axis=0) > UNTOUCHED.shown
-    if images.stop - images.start < 3 * UNTOUCHED.window or steady.sum() < UNTOUCHED.corners:
+    steady = track.usable[images].mean(axis=0) > STATIC.shown
+    if images.stop - images.start < 3 * STATIC.window or steady.sum() < STATIC.corners:
         return None
-    half = UNTOUCHED.window // 2  # at either end, where a filter has fewer images to take a median of
+    half = STATIC.window // 2  # at either end, where a filter has fewer images to take a median of
     shown = [
         interpolate_hidden(taken[images], track.pixels[images, c], track.usable[images, c])
         for c in np.flatnonzero(steady)
     ]
-    smooth = median_filter(np.stack(shown, axis=1), size=(UNTOUCHED.window, 1, 1))[half:-half]
+    smooth = median_filter(np.stack(shown, axis=1), size=(STATIC.window, 1, 1))[half:-half]
     off = smooth - np.median(smooth, axis=0)
     together = np.median(off, axis=1)
     noise = np.sqrt(np.pi / 2 * np.mean((off - together[:, None]) ** 2) / steady.sum())  # of a median
@@ -123,15 +123,15 @@ def _step(recording: TaskRecording, own: HandTrajectory, is_noisy: bool) -> tupl
     seen = np.where(track.usable[..., None], track.pixels, np.nan)
     before, last, now, after = seen[:-3], seen[1:-2], seen[2:-1], seen[3:]
     steps = np.concatenate([now - last, now - before, after - last], axis=-1)
-    known = np.isfinite(steps).all(axis=-1).sum(axis=1) >= UNTOUCHED.corners
-    near = slow & np.r_[True, np.diff(taken) < THRESHOLDS.track.gap * track.period]
+    known = np.isfinite(steps).all(axis=-1).sum(axis=1) >= STATIC.corners
+    near = slow & np.r_[True, np.diff(taken) < THRESHOLDS.keypoint_track.gap * track.period]
     known &= slow[:-3] & near[1:-2] & near[2:-1] & near[3:]
-    if known.sum() < UNTOUCHED.window:
+    if known.sum() < STATIC.window:
         return 0.0, 0.0, 0.0, 0.0
     beyond = _beyond(steps[known])
-    most = max(_beyond(one).max() for one in _shuffled(steps[known])) if is_noisy else 0.0
+    most = max(_beyond(one).max() for one in _shuffle(steps[known])) if is_noisy else 0.0
     usual = 1.4826 * np.median(np.abs(beyond))
-    return float(beyond.max()), float(taken[2:-1][known][beyond.argmax()]), float(usual), UNTOUCHED.beyond * float(most)
+    return float(beyond.max()), float(taken[2:-1][known][beyond.argmax()]), float(usual), STATIC.beyond * float(most)
 
 
 def _beyond(steps: np.ndarray) -> np.ndarray:
@@ -140,4 +140,4 @@ def _beyond(steps: np.ndarray) -> np.ndarray:
         warnings.simplefilter("ignore", RuntimeWarning)  # shuffled, an image may have no corner
         together = np.nan_to_num(np.nanmedian(steps, axis=1)).reshape(-1, 3, 2)
     size = np.linalg.norm(together, axis=-1).min(axis=-1)
-    return size - median_filter(size, size=UNTOUCHED.window, mode="nearest")
+    return size - median_filter(size, size=STATIC.window, mode="nearest")

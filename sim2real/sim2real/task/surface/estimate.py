@@ -14,7 +14,7 @@ from sim2real.task.suite.recording import TaskRecording
 from sim2real.task.surface.touch import Touch, find_touch
 from sim2real.thresholds import THRESHOLDS
 
-TOUCH = THRESHOLDS.touching
+TOUCH = THRESHOLDS.surface_contact
 MIDDLE = np.array([0.5, 0.0])  # m: where the table's height is given
 EFFECTS = {"table_height": ("height",), "table_tilt": ("tilt_x", "tilt_y"), "object_size": ("size",)}
 ALL = ("height", "tilt_x", "tilt_y", "size")
@@ -62,7 +62,7 @@ def estimate_surfaces(recording: TaskRecording, panda: PandaModel = NOMINAL) -> 
         return SurfaceContactResult(
             "unexplained", None, every, f"touched places are {1e3 * np.abs(residual).max():.1f} mm off any plane", off
         )
-    comparison = compare_hypotheses(_measured(recording, tables, tops))
+    comparison = compare_hypotheses(_measure(recording, tables, tops))
     found = {one.hypotheses[0].name for one in comparison.findings}
     before, after = _held_out(tables, found)
     return SurfaceContactResult(comparison.verdict, comparison, every, "", off, before, after)
@@ -78,7 +78,7 @@ def _plane(touches) -> np.ndarray:
     return np.linalg.lstsq(_columns(touches), np.array([t.height for t in touches]), rcond=None)[0]
 
 
-def _measured(recording: TaskRecording, tables, tops) -> MeasuredChanges:
+def _measure(recording: TaskRecording, tables, tops) -> MeasuredChanges:
     """Table's numbers by least squares, and what the object is higher than its edge; with covariance."""
     columns = _columns(tables)
     noise = TOUCH.angle**2 + np.mean([t.deviation**2 for t in tables])
@@ -88,7 +88,7 @@ def _measured(recording: TaskRecording, tables, tops) -> MeasuredChanges:
     value = np.append(_plane(tables), 0.0)
     if tops:
         at = np.append(_columns(tops)[0], 0.0)
-        value[3] = tops[0].height - at @ value - _upright(recording)
+        value[3] = tops[0].height - at @ value - _upright_edge(recording)
         covariance[3, :3] = covariance[:3, 3] = -at[:3] @ (covariance[:3, :3] - np.diag([TOUCH.common**2, 0, 0]))
         covariance[3, 3] = at @ covariance @ at - TOUCH.common**2 + noise
     else:
@@ -97,7 +97,7 @@ def _measured(recording: TaskRecording, tables, tops) -> MeasuredChanges:
     return MeasuredChanges(ALL, value, covariance, np.array(usual), np.array(gap), EFFECTS)
 
 
-def _upright(recording: TaskRecording) -> float:
+def _upright_edge(recording: TaskRecording) -> float:
     """m: the object's edge that stands upright, as it is believed to be, by how it is seen to lie when it is touched."""
     return RestingObject.of(recording.domain, pose_at_start(recording, recording.named("touch_object")[0])).height
 

@@ -12,7 +12,7 @@ from sim2real.task.suite.recording import TaskRecording
 from sim2real.task.wrench import arm_motion, tip_forces
 from sim2real.thresholds import THRESHOLDS
 
-TOUCH = THRESHOLDS.touching
+TOUCH = THRESHOLDS.surface_contact
 DOWNWARD = 0.01, 0.03  # m/s of the slow way down
 ABOVE = 0.004  # m over the lowest point, from which on nothing is touched yet
 

@@ -9,7 +9,7 @@ from functools import partial
 
 from np_common.cli import Parser
 from np_description.domains import DOMAINS
-from np_description.objects.choice import DEFAULT, domain_with, recorded_domain
+from np_description.objects.choice import DEFAULT, domain_with, read_domain
 
 
 def parser() -> argparse.ArgumentParser:
@@ -51,7 +51,7 @@ def _play(options: argparse.Namespace, meshes: bool | None) -> int:
         from np_record.bag import Recording
 
         with Recording(options.bag, required=("joint_states",)) as recording:
-            play(recording, recorded_domain(recording.information), partial(Window, meshes=meshes))
+            play(recording, read_domain(recording.information), partial(Window, meshes=meshes))
         return 0
     from np_bringup.view.recorded import RecordedEpisode
     from np_bringup.view.server import serve
@@ -64,11 +64,11 @@ def _play(options: argparse.Namespace, meshes: bool | None) -> int:
 def _watch(options: argparse.Namespace, meshes: bool | None) -> int:
     from np_bringup.view.live import LiveGraph
     from np_bringup.view.server import serve
-    from np_ros.client.peer import Peer
+    from np_ros.client.graph_client import GraphClient
     from np_ros.processes.domain import ros_domain_id
 
     ros_domain_id()  # raises ValueError with words
-    with closing(Peer("view")) as peer:
+    with closing(GraphClient("view")) as peer:
         if options.window:
             from np_bringup.view.window import Window
 

@@ -51,7 +51,7 @@ def goal_pose(domain: Domain, x: float, y: float, yaw: float, roll_turns: int = 
     return resting_pose(domain, region, x, y, yaw, roll_turns * pi / 2, pitch)
 
 
-class Goal(Node):
+class GoalNode(Node):
     """Publishes the goal with the stamp of the first joint state, which is on the backend's clock, and hears whether it is taken."""
 
     def __init__(self):
@@ -144,11 +144,11 @@ def main(args: list[str] | None = None) -> int:
     """Entry point of the executable `goal`."""
     ends = [0]
 
-    def spin(node: Goal, spinner: Spinner) -> None:
+    def spin(node: GoalNode, spinner: Spinner) -> None:
         ends[0] = INTERRUPTED  # until it has ended by itself
         ends[0] = node.give(spinner)
 
-    return run(Goal, args, spin=spin) or ends[0]
+    return run(GoalNode, args, spin=spin) or ends[0]
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from np_ros.messages import joint_state_message
 from np_ros.node import Diagnostics, parameter, run
 
 
-class Names:
+class JointNameMap:
     """What a backend calls the joints.
 
     text: its nine names in our order (seven joints, two fingers), by commas; one word alone is the prefix that it has in
@@ -68,7 +68,7 @@ class JointNames(Node):
         lockstep = (
             parameter(self, "mode", "realtime", "As the backend's.", choices=("lockstep", "realtime")) == "lockstep"
         )
-        self._names = Names(given)
+        self._names = JointNameMap(given)
         self._diagnostics = Diagnostics(self)
         sent, heard = qos.publisher(lockstep), qos.subscriber(lockstep)
         for topic, names in (("joint_states", STATE_NAMES), ("applied_command", JOINT_NAMES)):

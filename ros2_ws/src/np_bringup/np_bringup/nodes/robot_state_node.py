@@ -30,7 +30,7 @@ def tf_message() -> type | None:
     return TFMessage
 
 
-def placed(outer, inner) -> tuple[np.ndarray, np.ndarray]:
+def compose_pose(outer, inner) -> tuple[np.ndarray, np.ndarray]:
     """The pose `inner` (7,) in the frame `outer` (7,), as position (3,) m and quaternion wxyz (4,) outside of it."""
     outer, inner = np.asarray(outer, float), np.asarray(inner, float)
     position = outer[:3] + matrix_from_quaternion(outer[3:]) @ inner[:3]
@@ -57,7 +57,7 @@ def markers(scene: dict, poses: list, stamp: int) -> MarkerArray:
             marker = Marker(type=kind, action=Marker.ADD, id=len(array.markers), ns="scene")
             marker.header.frame_id = BASE_FRAME
             marker.header.stamp = stamp_message(stamp)
-            marker.pose = pose_message(stamp, BASE_FRAME, *placed(pose, inner)).pose
+            marker.pose = pose_message(stamp, BASE_FRAME, *compose_pose(pose, inner)).pose
             marker.scale.x, marker.scale.y, marker.scale.z = map(float, size)
             marker.color = ColorRGBA(**dict(zip("rgba", map(float, shape["rgba"]))))
             array.markers.append(marker)

@@ -8,15 +8,15 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Image, JointState
 
-from np_bringup.view.recorded import encoded, error
+from np_bringup.view.recorded import encode_image, error
 from np_bringup.view.window import Moment
 from np_description.domains import Domain, Pose
 from np_description.drawing.scene_data import SceneData
 from np_description.message_arrays import BadMessage, image_array, joint_state_arrays, pose_arrays, stamp_nanoseconds
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_ros import qos
-from np_ros.client.peer import Peer
-from np_ros.low_latency.raw import decoded
+from np_ros.client.graph_client import GraphClient
+from np_ros.low_latency.raw import decode_raw
 from np_ros.phases import phase_state
 
 _SILENT = "no joint_states in this ROS_DOMAIN_ID"
@@ -28,7 +28,7 @@ class LiveGraph:
     meshes: as in `drawn_model`.
     """
 
-    def __init__(self, peer: Peer, domain: Domain, *, meshes: bool | None = None):
+    def __init__(self, peer: GraphClient, domain: Domain, *, meshes: bool | None = None):
         self._scene, self._lock = SceneData(domain, meshes=meshes), threading.Lock()
         self._state: bytes | None = None  # serialized: of 500 a second the page asks for twenty
         self._pose: Pose | None = None
@@ -52,7 +52,7 @@ class LiveGraph:
         if data is None:
             return {"time": 0.0, "poses": None, "phase": _SILENT, **error(None, None)}
         try:
-            message = decoded(data, JointState)
+            message = decode_raw(data, JointState)
             joints, stamp = joint_state_arrays(message, STATE_NAMES)[0], stamp_nanoseconds(message.header.stamp)
         except BadMessage as bad:
             return {"time": 0.0, "poses": None, "phase": f"joint_states: {bad}", **error(None, None)}
@@ -65,7 +65,7 @@ class LiveGraph:
         if self._state is None:
             return None
         try:
-            joints = joint_state_arrays(decoded(self._state, JointState), STATE_NAMES)[0]
+            joints = joint_state_arrays(decode_raw(self._state, JointState), STATE_NAMES)[0]
         except BadMessage:
             return None
         return Moment(joints, self._pose, self._goal)
@@ -74,7 +74,7 @@ class LiveGraph:
         """The JPEG of the newest image, None where there is none."""
         message = self._image
         try:
-            return None if message is None else encoded(image_array(message))
+            return None if message is None else encode_image(image_array(message))
         except BadMessage:
             return None
 

@@ -8,7 +8,7 @@ import numpy as np
 from np_description.domains import Pose, pose_error
 from np_description.drawing.scene_data import SceneData
 from np_description.message_arrays import image_array, joint_state_arrays, pose_arrays
-from np_description.objects.choice import recorded_domain
+from np_description.objects.choice import read_domain
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_record.bag import BagError, Recording
 from np_record.recorded_phases import PHASE_TOPICS, phase_changes
@@ -25,7 +25,7 @@ class RecordedEpisode:
 
     def __init__(self, path: str, *, meshes: bool | None = None):
         recording = Recording(path, required=("joint_states",))
-        self._scene = SceneData(recorded_domain(recording.information), meshes=meshes)
+        self._scene = SceneData(read_domain(recording.information), meshes=meshes)
         self._start = recording.start
         self._moments: list[dict] = []
         self._images: list[tuple[int, bytes]] = []
@@ -66,7 +66,7 @@ class RecordedEpisode:
         return self._images[number][1] if number >= 0 else None
 
     def _keep_image(self, message) -> None:
-        self._images.append((message.stamp, encoded(image_array(message.decode()))))
+        self._images.append((message.stamp, encode_image(image_array(message.decode()))))
 
     def _moment(self, message, pose: Pose | None, goal: Pose | None) -> dict:
         joints = joint_state_arrays(message.decode(), STATE_NAMES)[0]
@@ -84,6 +84,6 @@ def error(pose: Pose | None, goal: Pose | None) -> dict:
     return {"distance": round(float(distance), 4), "angle": round(float(angle), 4)}
 
 
-def encoded(pixels: np.ndarray) -> bytes:
+def encode_image(pixels: np.ndarray) -> bytes:
     """An image (height, width, 3) uint8 RGB as JPEG."""
     return cv2.imencode(".jpg", pixels[:, :, ::-1])[1].tobytes()

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from np_description.domains import Domain, Pose
-from np_description.drawing.meshes import drawn_model
+from np_description.drawing.meshes import load_visual_model
 from np_description.message_arrays import joint_state_arrays, pose_arrays
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_description.scene import OBJECT
@@ -32,7 +32,7 @@ class Moment:
 
 
 class Window:
-    """A window on the scene of a domain; meshes: as in `drawn_model`.
+    """A window on the scene of a domain; meshes: as in `load_visual_model`.
 
     Raises OSError where there is no display, or no OpenGL on it.
     """
@@ -44,7 +44,7 @@ class Window:
             )
         from mujoco import viewer
 
-        self._domain, self._model = domain, drawn_model(domain.plain, meshes=meshes)
+        self._domain, self._model = domain, load_visual_model(domain.plain, meshes=meshes)
         self._data = mujoco.MjData(self._model)
         self._joints = [self._model.joint(name).qposadr[0] for name in STATE_NAMES]
         self._body = self._model.jnt_qposadr[self._model.body(OBJECT).jntadr[0]]

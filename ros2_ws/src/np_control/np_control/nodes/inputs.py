@@ -26,7 +26,7 @@ from np_ros.phases import phase_state
 Pose = tuple[np.ndarray, np.ndarray]  # position (3,) m, rotation (3, 3)
 
 
-class Led(Protocol):
+class CommandSink(Protocol):
     """Who is led. None stands for what came but was refused, or, of a trajectory, for no plan."""
 
     def on_trajectory(self, stamp: int, trajectory: Trajectory | None) -> None:
@@ -48,7 +48,7 @@ class Led(Protocol):
         """Count a message that is not carried out."""
 
 
-def subscribe(node: Node, led: Led, limits: SafetyLimits, *, lockstep: bool) -> None:
+def subscribe(node: Node, led: CommandSink, limits: SafetyLimits, *, lockstep: bool) -> None:
     """Let the topics of docs/reference/graph.md lead `led`; `limits` are those that trajectories must keep."""
 
     def read(header: Header, translate: Callable[[], object], deliver: Callable[[int, object], None]) -> None:

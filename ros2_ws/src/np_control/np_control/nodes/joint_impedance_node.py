@@ -15,13 +15,13 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from np_control.controller import Answer, Controller, ControllerConfig
-from np_control.following import RealtimeCommandInput
+from np_control.controller import Controller, ControllerConfig, ControllerOutput
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN
+from np_control.lockstep_input import LockstepCommandInput
 from np_control.nodes import inputs
 from np_control.nodes.inputs import Pose
+from np_control.realtime_input import RealtimeCommandInput
 from np_control.safety import LIMITS, Refusal
-from np_control.tick_gate import LockstepCommandInput
 from np_control.trajectory import Trajectory
 from np_description.message_arrays import BadMessage, joint_state_arrays, stamp_nanoseconds
 from np_description.panda import JOINT_NAMES, STATE_NAMES
@@ -139,7 +139,7 @@ class JointImpedance(Node):
         if self._sent:
             self._seconds.append(time.time() - self._sent * 1e-9)
 
-    def _publish(self, answer: Answer) -> None:
+    def _publish(self, answer: ControllerOutput) -> None:
         self._command.publish(self._writer.fill(answer.stamp, answer.position, answer.velocity, answer.torque))
 
     # Trajectories and targets

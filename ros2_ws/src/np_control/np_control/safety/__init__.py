@@ -5,7 +5,7 @@ the controller share one definition and one behaviour.
 """
 
 from np_control.safety.commands import Command, check_command
-from np_control.safety.filter import Applied, SafetyFilter
+from np_control.safety.filter import AppliedCommand, SafetyFilter
 from np_control.safety.limits import (
     LIMITS,
     SafetyLimits,
@@ -17,12 +17,12 @@ from np_control.safety.limits import (
     torque_bounds,
     velocity_bounds,
 )
-from np_control.safety.press import press_share, tip_force
+from np_control.safety.press import press_force_scale, tip_force
 from np_control.safety.refusals import Reason, Refusal, Refusals, check_finite
 from np_control.safety.watchdog import State, Watchdog
 
 __all__ = [
-    "Applied",
+    "AppliedCommand",
     "Command",
     "LIMITS",
     "Reason",
@@ -38,7 +38,7 @@ __all__ = [
     "limit_gains",
     "limit_target",
     "limit_torque",
-    "press_share",
+    "press_force_scale",
     "slew_gains",
     "tip_force",
     "torque_bounds",

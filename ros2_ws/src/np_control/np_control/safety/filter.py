@@ -21,7 +21,7 @@ REST_DAMPING = np.array([40.0, 40.0, 40.0, 40.0, 8.0, 8.0, 8.0])  # Nms/rad
 
 
 @dataclass(frozen=True)
-class Applied:
+class AppliedCommand:
     """What the backend must apply: joint target (7,) rad, its velocity (7,) rad/s, torque (7,) Nm without
     gravity.
 
@@ -101,7 +101,7 @@ class SafetyFilter:
             self.watchdog.command(now)
         self._command, self._target = command, command.position
 
-    def apply(self, now: int, q: np.ndarray, dq: np.ndarray) -> Applied:
+    def apply(self, now: int, q: np.ndarray, dq: np.ndarray) -> AppliedCommand:
         """What to apply in the period that starts at `now`, for the measured q (7,) rad and dq (7,) rad/s.
 
         Never raises for bad data: a state that is not finite, too fast or outside the joints' range is a
@@ -111,7 +111,7 @@ class SafetyFilter:
         if not (isfinite(q @ q) and isfinite(dq @ dq)):
             self.watchdog.fault("measured state is not finite")
             self._dq = np.full(len(self.limits.joints), np.inf)
-            return Applied(self.state, self._target, np.zeros_like(self._target), self.fade(), ("state",))
+            return AppliedCommand(self.state, self._target, np.zeros_like(self._target), self.fade(), ("state",))
         self._check_state(q, dq)
         state = self.watchdog.poll(now)
         wanted, velocity = self._wanted(state, q, dq)
@@ -121,7 +121,7 @@ class SafetyFilter:
             self._torque, changed = limit_torque(self.limits, wanted, self._torque, q, dq)
         for name in changed:
             self.limited[name] += 1
-        return Applied(state, self._target, velocity, self._torque, tuple(changed))
+        return AppliedCommand(state, self._target, velocity, self._torque, tuple(changed))
 
     def stop(self, cause: str = "stop requested") -> None:
         """Damp to rest from the next `apply` on, whatever comes, until `recover`."""

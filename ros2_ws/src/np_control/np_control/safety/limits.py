@@ -39,7 +39,7 @@ class SafetyLimits:
     to stay below its speed. workspace_*: (3,) m box for targets of T_E. Its floor lies under the table (z =
     0), since pressing down takes a target below the surface. workspace_slack m: a target further outside is
     refused, not clamped. start_tolerance rad: how far the first joint target may be from the measured
-    position. press: N, by which the target of a trajectory, or one that is held, may make the hand press; see `press_share`. late, missed
+    position. press: N, by which the target of a trajectory, or one that is held, may make the hand press; see `press_force_scale`. late, missed
     periods and silence: see `Watchdog` and `check_command`.
     """
 

@@ -22,7 +22,7 @@ def tip_force(q: np.ndarray, torque: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(jacobian(q)[:3].T, torque, rcond=None)[0]
 
 
-def press_share(limits: SafetyLimits, q: np.ndarray, torque: np.ndarray) -> float:
+def press_force_scale(limits: SafetyLimits, q: np.ndarray, torque: np.ndarray) -> float:
     """Share, 0 to 1, of the law's torque (7,) Nm at joints q (7,) rad by which the hand presses with `limits.press` at most.
 
     Never less than leaves a torque of `LEVER` times that force: by a stretched arm a small torque is a large force, and it would go limp.

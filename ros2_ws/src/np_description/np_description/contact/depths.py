@@ -16,7 +16,7 @@ STEP = 0.02  # mm
 
 
 @dataclass(frozen=True)
-class Depths:
+class PenetrationDepths:
     """Depths mm of many moments. median, q99, largest of all pairs that are not of rubber; by_pair: the same of each pair
     (None where a pair never touched); pushed_otherwise: share of the moments in which the robot touches the object where
     housing or links do."""
@@ -38,7 +38,7 @@ class Depths:
         }
 
 
-class Tally:
+class DepthHistogram:
     """How often which depth was seen, in steps of `STEP` mm: small enough to be kept for every episode."""
 
     def __init__(self, counts: Mapping[str, Mapping[str, int]] | None = None):
@@ -68,24 +68,24 @@ class Tally:
         return {name: {str(k): n for k, n in sorted(row.items())} for name, row in sorted(self._counts.items())}
 
     @staticmethod
-    def joined(tallies: Iterable[Tally]) -> Tally:
+    def joined(tallies: Iterable[DepthHistogram]) -> DepthHistogram:
         """What several counted together."""
-        whole = Tally()
+        whole = DepthHistogram()
         for tally in tallies:
             for name, row in tally._counts.items():
                 whole._counts.setdefault(name, Counter()).update(row)
         return whole
 
     @staticmethod
-    def summary(tallies: Iterable[Tally]) -> Depths:
+    def summary(tallies: Iterable[DepthHistogram]) -> PenetrationDepths:
         """What several come to together."""
-        whole = dict(Tally.joined(tallies)._counts)
+        whole = dict(DepthHistogram.joined(tallies)._counts)
         pushed = whole.pop(PUSHED, Counter())
         hard = sum((row for pair, row in whole.items() if pair not in SOFT_PAIRS), Counter())
         by_pair = {
             pair: dict(zip(("median", "q99", "max"), _quantiles(whole[pair]))) for pair in PAIRS if whole.get(pair)
         }
-        return Depths(*_quantiles(hard), by_pair, pushed[1] / pushed.total() if pushed.total() else None)
+        return PenetrationDepths(*_quantiles(hard), by_pair, pushed[1] / pushed.total() if pushed.total() else None)
 
 
 def _quantiles(counts: Counter) -> tuple[float | None, float | None, float | None]:

@@ -44,7 +44,7 @@ def has_meshes() -> bool:
     return _folder() is not None and importlib.util.find_spec("fast_simplification") is not None
 
 
-def drawn_model(domain: Domain, *, meshes: bool | None = None, share: float = ALL, **options) -> mujoco.MjModel:
+def load_visual_model(domain: Domain, *, meshes: bool | None = None, share: float = ALL, **options) -> mujoco.MjModel:
     """The compiled scene of a domain for who draws it; options as for `build_scene`.
 
     meshes: whether the robot looks like itself or like the shapes that collide; None: like itself where the meshes are
@@ -53,11 +53,11 @@ def drawn_model(domain: Domain, *, meshes: bool | None = None, share: float = AL
     """
     spec = build_scene(domain, **options)
     if has_meshes() if meshes is None else meshes:
-        dress(spec, arm_meshes(share))
+        attach_meshes(spec, arm_meshes(share))
     return spec.compile()
 
 
-def dress(spec: mujoco.MjSpec, meshes: Mapping[str, Mesh]) -> None:
+def attach_meshes(spec: mujoco.MjSpec, meshes: Mapping[str, Mesh]) -> None:
     """Give bodies of a scene their meshes (by name), which touch nothing and weigh nothing; their other shapes are not drawn."""
     for name, (vertices, triangles) in meshes.items():
         body = spec.body(name)

@@ -29,7 +29,7 @@ _INVISIBLE = 3  # group of the object's hull, inside its coloured blocks
 
 
 @dataclass(frozen=True)
-class Shape:
+class VisualShape:
     """What is drawn of a body, in the body's frame: position (3,) m, quaternion wxyz (4,), rgba (4,) 0..1.
 
     kind and size in m: capsule: radius, half length along z; box: half size (3,); plane: half size x, y; mesh: of a box
@@ -46,7 +46,7 @@ class Shape:
     triangles: np.ndarray | None = None
 
 
-def shapes(model: mujoco.MjModel) -> list[Shape]:
+def visual_shapes(model: mujoco.MjModel) -> list[VisualShape]:
     """Everything that is drawn of a scene, body by body."""
     found = []
     for i in range(model.ngeom):
@@ -57,7 +57,7 @@ def shapes(model: mujoco.MjModel) -> list[Shape]:
         body = model.body(model.geom_bodyid[i]).name
         mesh = _mesh(model, model.geom_dataid[i]) if kind == "mesh" else ()
         placed = model.geom_pos[i], model.geom_quat[i], model.geom_rgba[i]
-        found.append(Shape(body, kind, tuple(size.tolist()), *placed, *mesh))
+        found.append(VisualShape(body, kind, tuple(size.tolist()), *placed, *mesh))
     return found
 
 
@@ -80,7 +80,7 @@ def urdf(model: mujoco.MjModel | None = None) -> str:
     """The robot of a compiled scene as URDF; the nominal one's unless given. Contact and joint dynamics are not URDF's to say."""
     model = load_model(CARD) if model is None else model
     robot = Element("robot", name="panda")
-    drawn = shapes(model)
+    drawn = visual_shapes(model)
     for name in robot_bodies(model):
         link = SubElement(robot, "link", name=name)
         _add_inertial(link, model.body(name))
@@ -107,7 +107,7 @@ def _add_inertial(link: Element, body) -> None:
     SubElement(inertial, "inertia", **principal, ixy="0", ixz="0", iyz="0")
 
 
-def _add_shape(link: Element, shape: Shape) -> None:
+def _add_shape(link: Element, shape: VisualShape) -> None:
     """URDF has no capsule: a cylinder and two spheres."""
     radius, half = shape.size[:2]
     parts: list[tuple[str, dict[str, str], float]] = (

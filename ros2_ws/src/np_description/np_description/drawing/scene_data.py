@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from np_description.domains import Domain, Pose
-from np_description.drawing.meshes import CANVAS, drawn_model
-from np_description.drawing.robot import WORLD, robot_bodies, shapes
+from np_description.drawing.meshes import CANVAS, load_visual_model
+from np_description.drawing.robot import WORLD, robot_bodies, visual_shapes
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_description.scene import OBJECT
 
@@ -18,12 +18,12 @@ _DIGITS = 4
 class SceneData:
     """The shapes of a domain's scene, and where they are for joints and object; needs no renderer.
 
-    meshes: as in `drawn_model`, which raises NoMeshes.
+    meshes: as in `load_visual_model`, which raises NoMeshes.
     """
 
     def __init__(self, domain: Domain, *, meshes: bool | None = None):
         self.domain = domain
-        self._model = drawn_model(domain.plain, meshes=meshes, share=CANVAS)
+        self._model = load_visual_model(domain.plain, meshes=meshes, share=CANVAS)
         self._data = mujoco.MjData(self._model)
         self._joints = [self._model.joint(name).qposadr[0] for name in STATE_NAMES]
         self.bodies = [WORLD, *robot_bodies(self._model), OBJECT, GOAL]
@@ -44,7 +44,7 @@ class SceneData:
                 if shape.kind == "mesh"
                 else {}
             )
-            for shape in shapes(self._model)
+            for shape in visual_shapes(self._model)
         ]
         goal = {"body": self.bodies.index(GOAL), "kind": "box", "size": list(self.domain.half_size)}
         drawn.append({**goal, "pose": [0, 0, 0, 1, 0, 0, 0], "rgba": [0.2, 0.8, 0.3, 0.25]})

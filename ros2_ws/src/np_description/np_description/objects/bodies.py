@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from np_description.contact.model import HARD
-from np_description.objects.parts import split
+from np_description.objects.parts import split_object
 from np_description.objects.spec import ObjectSpec
 
 
@@ -17,7 +17,7 @@ def add_parts(body: mujoco.MjsBody, spec: ObjectSpec, touching: Mapping[str, obj
 
     touching: what a shape of the object's outside is like; names of the parts begin with the body's.
     """
-    core, parts = split(spec)
+    core, parts = split_object(spec)
     _weigh(body, core.mass, core.centre, core.inertia)
     carriers = {None: body}
     for part in parts:

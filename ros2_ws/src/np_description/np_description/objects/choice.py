@@ -39,21 +39,21 @@ def domain_with(name: str, choice: str = DEFAULT) -> Domain:
     """The domain called `name`, played with the object that `choice` names. Raises what find_domain and find_object raise."""
     domain = find_domain(name)
     spec = find_object(domain.name, choice)
-    return domain if spec is None else place_in(domain, spec)
+    return domain if spec is None else place_object(domain, spec)
 
 
-def recorded_domain(information: Mapping[str, object]) -> Domain:
+def read_domain(information: Mapping[str, object]) -> Domain:
     """The domain of a recording, with the object that it was played with, by what the recorder kept of the run."""
     return domain_with(str(information.get("domain", "card")), str(information.get("object", DEFAULT)))
 
 
-def portable(domain: str, choice: str) -> str:
+def embed_object_text(domain: str, choice: str) -> str:
     """`choice` such that it means the same elsewhere: a file's content instead of its path. Raises what find_object raises."""
     spec = find_object(domain, choice)
     return object_text(spec) if spec is not None and choice.endswith(SUFFIXES) else choice
 
 
-def choice_of(domain: Domain) -> str:
+def object_reference(domain: Domain) -> str:
     """What `domain_with` makes this domain's object of, anywhere: "default", the name of a row, or the text of an object."""
     spec = domain.object
     if spec is None:
@@ -63,7 +63,7 @@ def choice_of(domain: Domain) -> str:
     return spec.name if is_row else object_text(spec)
 
 
-def place_in(domain: Domain, spec: ObjectSpec) -> Domain:
+def place_object(domain: Domain, spec: ObjectSpec) -> Domain:
     """The domain with this object: starts and goals beside obstacles keep the gap to them that the domain's own object has."""
     regions = [_moved(domain, region, spec) for region in (domain.start, *domain.goals)]
     return replace(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import yaml
 
-from np_description.objects.parts import split
+from np_description.objects.parts import split_object
 from np_description.objects.spec import Contents, Friction, ObjectSpec, Softness, Surface
 from np_description.objects.table import SURFACES
 
@@ -85,7 +85,7 @@ def _object(content) -> ObjectSpec:
         _keys("contents", content["contents"], ("mass", "clearance", "friction"))
         values["contents"] = Contents(**{key: _tuple(value) for key, value in content["contents"].items()})
     spec = ObjectSpec(**values, surface=_surface(content["surface"]))
-    split(spec)  # has an inertia with room for what moves
+    split_object(spec)  # has an inertia with room for what moves
     return spec
 
 

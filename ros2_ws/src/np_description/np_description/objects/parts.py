@@ -20,7 +20,7 @@ CARRIAGE_SHARE = 0.05  # of the contents' mass, where they slide along several a
 
 
 @dataclass(frozen=True)
-class Part:
+class SlidingPart:
     """A body that slides along axis 0, 1 or 2 of the object, from its place at `centre` (3,) m.
 
     parent: the part that carries it, None for the core; half_size (3,) m: a homogeneous box; touches: whether it is the object's
@@ -56,7 +56,7 @@ class Core:
     inertia: np.ndarray
 
 
-def split(spec: ObjectSpec) -> tuple[Core, tuple[Part, ...]]:
+def split_object(spec: ObjectSpec) -> tuple[Core, tuple[SlidingPart, ...]]:
     """Core and parts of an object; a rigid one is all core. Raises ValueError where the parts weigh too far out for its inertia."""
     parts = (*_plates(spec), *_carriages(spec))
     centre, moments = np.asarray(spec.centre_of_mass, float), np.asarray(spec.moments, float)
@@ -74,7 +74,7 @@ def split(spec: ObjectSpec) -> tuple[Core, tuple[Part, ...]]:
     return Core(mass, own, np.trace(spread) * np.eye(3) - spread), parts
 
 
-def _plates(spec: ObjectSpec) -> list[Part]:
+def _plates(spec: ObjectSpec) -> list[SlidingPart]:
     """One on each face, proud of the core by its travel and as thick as it can be: what is thin is pressed through."""
     if spec.compliance is None:
         return []
@@ -89,7 +89,7 @@ def _plates(spec: ObjectSpec) -> list[Part]:
             centre = np.zeros(3)
             centre[axis] = sign * half[axis] / 2
             plates.append(
-                Part(
+                SlidingPart(
                     f"{side}_{AXES[axis]}",
                     axis,
                     PLATE_SHARE * spec.mass,
@@ -105,7 +105,7 @@ def _plates(spec: ObjectSpec) -> list[Part]:
     return plates
 
 
-def _carriages(spec: ObjectSpec) -> list[Part]:
+def _carriages(spec: ObjectSpec) -> list[SlidingPart]:
     """A chain of one for each axis that the contents may slide along; the last is the contents."""
     contents = spec.contents
     if contents is None:
@@ -117,7 +117,9 @@ def _carriages(spec: ObjectSpec) -> list[Part]:
         mass = contents.mass * (1 - CARRIAGE_SHARE * (len(axes) - 1) if is_last else CARRIAGE_SHARE)
         gap, friction = contents.clearance[axis], contents.friction * contents.mass * GRAVITY
         chain.append(
-            Part(f"inside_{AXES[axis]}", axis, mass, np.zeros(3), size, (-gap, gap), parent=parent, friction=friction)
+            SlidingPart(
+                f"inside_{AXES[axis]}", axis, mass, np.zeros(3), size, (-gap, gap), parent=parent, friction=friction
+            )
         )
         parent = chain[-1].name
     return chain

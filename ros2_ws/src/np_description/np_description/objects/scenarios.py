@@ -17,7 +17,7 @@ SCATTER = 0.002, 0.03  # m, rad, either way, where the region leaves that much
 
 
 @dataclass(frozen=True)
-class Place:
+class ScenarioPlace:
     """x, y: shares of a region, 0 to 1; yaw rad; roll, pitch: quarter turns before it; goal: which goal region, None: the start."""
 
     x: float
@@ -32,29 +32,29 @@ class Place:
 class Scenario:
     """Where the object is, and where it shall be."""
 
-    start: Place
-    goal: Place
+    start: ScenarioPlace
+    goal: ScenarioPlace
 
 
-def _from(*values, **turns) -> Place:
-    return Place(*values, **turns, goal=None)
+def _from(*values, **turns) -> ScenarioPlace:
+    return ScenarioPlace(*values, **turns, goal=None)
 
 
 SCENARIOS = {
     "card": (
-        Scenario(_from(0.2, 0.2, 0.0), Place(0.7, 0.7, 0.6)),  # away and to the left, turned a little
-        Scenario(_from(0.8, 0.8, 1.2), Place(0.3, 0.3, 0.0)),  # near and to the right, turned back
-        Scenario(_from(0.5, 0.1, -0.8), Place(0.5, 0.9, 0.6)),  # across, turned by 80 degrees
+        Scenario(_from(0.2, 0.2, 0.0), ScenarioPlace(0.7, 0.7, 0.6)),  # away and to the left, turned a little
+        Scenario(_from(0.8, 0.8, 1.2), ScenarioPlace(0.3, 0.3, 0.0)),  # near and to the right, turned back
+        Scenario(_from(0.5, 0.1, -0.8), ScenarioPlace(0.5, 0.9, 0.6)),  # across, turned by 80 degrees
     ),
     "bump": (
-        Scenario(_from(0.5, 0.5), Place(0.5, 0.5, roll=3)),  # onto the bump, tipped over its edge
-        Scenario(_from(0.2, 0.5, 0.3), Place(0.6, 0.5, 0.0, goal=1)),  # beyond it, on the same face
-        Scenario(_from(0.8, 0.5, -0.3, pitch=1), Place(0.2, 0.5, 0.0, roll=2)),  # onto it, on the opposite face
+        Scenario(_from(0.5, 0.5), ScenarioPlace(0.5, 0.5, roll=3)),  # onto the bump, tipped over its edge
+        Scenario(_from(0.2, 0.5, 0.3), ScenarioPlace(0.6, 0.5, 0.0, goal=1)),  # beyond it, on the same face
+        Scenario(_from(0.8, 0.5, -0.3, pitch=1), ScenarioPlace(0.2, 0.5, 0.0, roll=2)),  # onto it, on the opposite face
     ),
     "wall": (
-        Scenario(_from(0.5, 0.5), Place(0.5, 0.5)),  # up, and to the left
-        Scenario(_from(0.5, 0.9), Place(0.2, 0.2)),  # up, near the edge
-        Scenario(_from(0.5, 0.1), Place(0.8, 0.8)),  # up, far, and across
+        Scenario(_from(0.5, 0.5), ScenarioPlace(0.5, 0.5)),  # up, and to the left
+        Scenario(_from(0.5, 0.9), ScenarioPlace(0.2, 0.2)),  # up, near the edge
+        Scenario(_from(0.5, 0.1), ScenarioPlace(0.8, 0.8)),  # up, far, and across
     ),
 }
 """By domain, in order; left, right, away: as seen from the robot."""
@@ -69,7 +69,7 @@ def fixed_task(domain: Domain, number: int, rng: np.random.Generator | None = No
     return _pose(domain, scenario.start, rng), _pose(domain, scenario.goal, None)
 
 
-def _pose(domain: Domain, place: Place, rng: np.random.Generator | None) -> Pose:
+def _pose(domain: Domain, place: ScenarioPlace, rng: np.random.Generator | None) -> Pose:
     region = domain.start if place.goal is None else domain.goals[place.goal]
     x, y = (low + share * (high - low) for (low, high), share in ((region.x, place.x), (region.y, place.y)))
     yaw = place.yaw

@@ -35,7 +35,7 @@ SURFACES = {
 
 
 @dataclass(frozen=True)
-class Row:
+class TableObject:
     """An object of the table and how many of 15 tries the paper's policy had with it."""
 
     spec: ObjectSpec
@@ -55,12 +55,12 @@ TRIES = 15
 BASELINES = {"card": Baselines(11, 2), "bump": Baselines(None, 1), "wall": Baselines(None, 0)}
 
 
-def _row(domain: Domain, name: str, grams: float, surface: str, successes: int, **soft) -> Row:
+def _row(domain: Domain, name: str, grams: float, surface: str, successes: int, **soft) -> TableObject:
     size = tuple(2 * half for half in domain.half_size)
-    return Row(ObjectSpec(name, domain.name, size, grams / 1e3, SURFACES[surface], **soft), successes)
+    return TableObject(ObjectSpec(name, domain.name, size, grams / 1e3, SURFACES[surface], **soft), successes)
 
 
-def _default(domain: Domain, surface: str, successes: int) -> Row:
+def _default(domain: Domain, surface: str, successes: int) -> TableObject:
     """The domain's own object; its mass is density times volume, which the paper rounds to grams."""
     row = _row(domain, "default", 1e3 * domain.mass, surface, successes)
     return replace(row, spec=replace(row.spec, mass=domain.mass))
@@ -105,7 +105,7 @@ ROWS = (
 """In the paper's order."""
 
 
-def rows_of(domain: str) -> dict[str, Row]:
+def rows_of(domain: str) -> dict[str, TableObject]:
     """A domain's rows by name. Raises ValueError for an unknown domain."""
     if domain not in DOMAINS:
         raise ValueError(f"domain: expected one of {', '.join(DOMAINS)}, got {domain!r}")

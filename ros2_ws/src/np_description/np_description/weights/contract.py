@@ -19,19 +19,19 @@ KEY = "contract"  # of the metadata
 _NOTHING = object()
 
 
-def warned(why: str, **options):
+def warn_on_mismatch(why: str, **options):
     """A field whose mismatch is no refusal, but a warning that begins with `why`."""
     return field(metadata={"warning": why}, **options)
 
 
-def noted(**options):
+def record_only(**options):
     """A field that is kept for the record and compared with nothing."""
     return field(metadata={"note": True}, **options)
 
 
 @dataclass(frozen=True)
 class Contract:
-    """Base of the contracts. A field that differs is a refusal unless it is `warned` or `noted`."""
+    """Base of the contracts. A field that differs is a refusal unless it is `warn_on_mismatch` or `record_only`."""
 
     def text(self) -> str:
         """The contract as JSON, the same for equal contracts."""

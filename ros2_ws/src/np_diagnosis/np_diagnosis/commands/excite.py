@@ -9,12 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from sim2real.excitation.contact_suite.suite import FAMILIES, check_families
-from sim2real.excitation.suite import FURTHER, NAMES, suite
+from sim2real.excitation.suite import FURTHER, NAMES, make_suite
 from sim2real.thresholds import THRESHOLDS
 
 from np_common.cli import INTERRUPTED, Parser, Progress, interrupt_on_sigterm, new_folder
 from np_description.calibration import CalibrationError, calibrated_camera
-from np_description.objects.choice import domain_with, portable
+from np_description.objects.choice import domain_with, embed_object_text
 from np_description.weights.provenance import origin
 from np_ros.processes.graph import NodeSpec
 from np_ros.processes.supervisor import NodeDied, Supervisor
@@ -71,7 +71,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     try:
         if options.suite == "arm":
-            suite(options.only)
+            make_suite(options.only)
         else:
             check_families(options.only)
             domain_with(options.domain, options.object)
@@ -141,7 +141,7 @@ def excite(options: argparse.Namespace) -> dict:
     if is_task:
         scene = {
             "domain": options.domain,
-            "object": portable(options.domain, options.object),
+            "object": embed_object_text(options.domain, options.object),
             "seed": options.seed,
             "calibration": options.calibration,
         }
@@ -168,7 +168,7 @@ def excite(options: argparse.Namespace) -> dict:
         ways = count - len(durations)  # to the first posture, where the arm rests elsewhere
         bar.show(sum(durations[: max(0, number - 1 - ways)]), name)
 
-    durations = [] if is_task else [segment.duration for segment in suite(options.only)]
+    durations = [] if is_task else [segment.duration for segment in make_suite(options.only)]
     motion = sum(durations)
     if not is_task and motion < (enough := THRESHOLDS.blocks.shortest):
         _say(
@@ -211,7 +211,7 @@ def _what_is_there(out: Path) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
     options = parse(arguments)
-    from np_ros.client.participant import GraphError
+    from np_ros.client.supervised_client import GraphError
 
     interrupt_on_sigterm()
     try:

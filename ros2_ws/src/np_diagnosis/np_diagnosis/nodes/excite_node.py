@@ -16,7 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState, PointCloud2
 from sim2real.excitation.contact_suite.monitor import OutOfPicture, SuiteMonitor
 from sim2real.excitation.contact_suite.suite import SuiteState, task_suite
-from sim2real.excitation.suite import TICK_NS, Segment, end_of, schedule, suite
+from sim2real.excitation.suite import TICK_NS, Segment, end_stamp, make_suite, schedule_starts
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
@@ -27,7 +27,7 @@ from np_description.message_arrays import BadMessage, joint_state_arrays, keypoi
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, IDLE, PhaseState
 from np_ros import qos
-from np_ros.client.participant import GraphError, Participant
+from np_ros.client.supervised_client import GraphError, SupervisedGraphClient
 from np_ros.messages import gains_message, trajectory_message
 from np_ros.phases import PhasePublisher
 from np_ros.processes.supervisor import Supervisor
@@ -42,7 +42,7 @@ FAREWELL = 1.0  # s at most, until everyone has the last phase
 PASSING = ("refused_late", "refused_order", "refused_future")
 
 
-class Exciter(Participant):
+class Exciter(SupervisedGraphClient):
     """Runs a plan on the graph of a supervisor, which watches the processes that it has started.
 
     lockstep: whether time waits for our ticks. on_segment(name, number, count) is told each start.
@@ -114,7 +114,7 @@ class Exciter(Participant):
         Raises GraphError where the backend stops, a trajectory is refused or the states cease; NodeDied.
         """
         with self._at_rest_afterwards():
-            return self._lead(suite(only, start=self._state[1]))
+            return self._lead(make_suite(only, start=self._state[1]))
 
     def run_task(self, domain: Domain, only: Sequence[str] = (), camera: Camera = CAMERA) -> list[str]:
         """Send the task suite's experiments, or some families of it, each planned once the one before is over; the segments sent. It ends
@@ -152,7 +152,7 @@ class Exciter(Participant):
         """Send a plan, from where the arm is; the segments sent."""
         begin = -(-self._state[0] // TICK_NS) * TICK_NS
         self._plan, self._sent, self._gains_sent = plan, 0, 0
-        self._starts, self._end = schedule(plan, begin), end_of(plan, begin)
+        self._starts, self._end = schedule_starts(plan, begin), end_stamp(plan, begin)
         self._heard = time.monotonic()
         self._advance()
         self._follow(lambda: self._state[0] >= self._end, "the end of the experiment")
@@ -161,9 +161,9 @@ class Exciter(Participant):
     def _situation(self, since: int) -> SuiteState:
         """What the next experiment is planned from, once the object has been seen at `since` ns or later."""
         self._heard = time.monotonic()
-        self._wait(lambda: self._witness.has_seen(since), READY_TIMEOUT, "keypoints of the object")
+        self._wait(lambda: self._witness.has_image(since), READY_TIMEOUT, "keypoints of the object")
         try:
-            return self._witness.situation(self._state[1])
+            return self._witness.state(self._state[1])
         except ValueError as error:
             raise GraphError(f"expected the object in the picture: {error}") from error
 
@@ -191,7 +191,7 @@ class Exciter(Participant):
         arm = slice(len(JOINT_NAMES))
         self._state = stamp_nanoseconds(message.header.stamp), position[arm]
         if self._witness is not None and self._state[0] % WITNESSED_NS == 0:
-            self._problem = self._witness.feel(position[arm], velocity[arm], effort[arm]) or self._problem
+            self._problem = self._witness.check_contact(position[arm], velocity[arm], effort[arm]) or self._problem
         self._states += 1
         self._heard = time.monotonic()
         self._advance()
@@ -242,7 +242,7 @@ class Exciter(Participant):
     def _receive_keypoints(self, message: PointCloud2) -> None:
         if self._witness is not None:
             try:
-                self._witness.see(stamp_nanoseconds(message.header.stamp), keypoints_array(message))
+                self._witness.add_keypoints(stamp_nanoseconds(message.header.stamp), keypoints_array(message))
             except BadMessage as error:
                 self._problem = f"keypoints: {error}"
 

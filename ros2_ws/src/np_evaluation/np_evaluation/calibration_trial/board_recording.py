@@ -14,7 +14,7 @@ from np_evaluation.calibration_trial.board_scene import BoardScene
 from np_perception.camera.rectify import Rectifier, view_camera
 from np_record.bag_writer import BagWriter
 from np_record.topics import BY_NAME
-from np_ros.messages import camera_info_message, image_message, joint_state_message, serialized
+from np_ros.messages import camera_info_message, image_message, joint_state_message, serialize
 
 PERIOD = 20_000_000  # ns between joint states
 REST, MOVE = 60, 5  # joint states of a rest, and of the way to the next
@@ -35,7 +35,7 @@ def record_rests(
     rectify = Rectifier(scene.lens, view_camera("calibration"))
 
     def write(name: str, stamp: int, message) -> None:
-        writer.write(stamp, BY_NAME[name], serialized(message))
+        writer.write(stamp, BY_NAME[name], serialize(message))
 
     stamp = 0
     for joints, truth in zip(reported, reported if actual is None else actual, strict=True):

@@ -19,7 +19,7 @@ from np_description.panda import NOMINAL
 from np_evaluation.calibration_trial.board_recording import record_rests
 from np_evaluation.calibration_trial.board_scene import BoardScene, hand_mount, table_mount
 from np_perception.calibration.board import Board
-from np_perception.calibration.evidence import CalibrationRefused, read_evidence
+from np_perception.calibration.evidence import CalibrationRefusal, read_calibration_data
 from np_perception.calibration.fitting import calibrate
 from np_perception.pose_estimation import estimate_pose
 
@@ -29,7 +29,7 @@ POSITION_SPREAD, ROTATION_SPREAD = 0.025, np.radians(2)
 
 
 @dataclass(frozen=True)
-class Arm:
+class TrialArm:
     """How far the arm is from what its joint states say. offset rad: of each joint, the same in every
     posture; noise rad: of each joint, another in every posture; standard deviations. tip m: how well a
     fingertip is put on a corner.
@@ -42,10 +42,10 @@ class Arm:
 
 
 ARMS = (
-    Arm("ideal", 0.0, 0.0, 0.0),
+    TrialArm("ideal", 0.0, 0.0, 0.0),
     # The arm repeats to 0.1 mm (datasheet); its absolute accuracy, which the datasheet does not give, is a
     # millimetre or so.
-    Arm("real", 0.0003, 0.0002, 0.0005),
+    TrialArm("real", 0.0003, 0.0002, 0.0005),
 )
 
 
@@ -96,7 +96,7 @@ def touch_postures(scene: BoardScene, missed: np.ndarray) -> list[np.ndarray]:
     )
 
 
-def one(number: int, arm: Arm, seed: int, views: int, folder: Path) -> tuple[list[dict], Calibration]:
+def run_trial(number: int, arm: TrialArm, seed: int, views: int, folder: Path) -> tuple[list[dict], Calibration]:
     """Calibrate camera `number` by both methods, from bags; what came out beside the truth, and the one by
     hand."""
     rng = np.random.default_rng((seed, number))
@@ -119,7 +119,7 @@ def one(number: int, arm: Arm, seed: int, views: int, folder: Path) -> tuple[lis
         touched = record_rests(folder / f"{arm.name}_{number}_touched", scene, reported, touching)
     now, results, kept = datetime.now(UTC), [], None
     for method, arguments in (
-        ("hand", dict(table=read_evidence(lying, board))),
+        ("hand", dict(table=read_calibration_data(lying, board))),
         ("touched", dict(touched=TOUCHED)),
     ):
         row: dict[str, object] = {
@@ -129,10 +129,10 @@ def one(number: int, arm: Arm, seed: int, views: int, folder: Path) -> tuple[lis
             "displaced_mm": 1e3 * float(np.linalg.norm(position - CAMERA.position)),
             "displaced_deg": _degrees(rotation, np.asarray(CAMERA.rotation)),
         }
-        evidence = read_evidence(held if method == "hand" else touched, board)
+        evidence = read_calibration_data(held if method == "hand" else touched, board)
         try:
             result = calibrate(evidence, board, now, **arguments)
-        except CalibrationRefused as error:
+        except CalibrationRefusal as error:
             results.append({**row, "refused": str(error)})
             continue
         calibration, errors = result.calibration, result.calibration.errors

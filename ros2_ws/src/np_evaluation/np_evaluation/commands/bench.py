@@ -35,7 +35,7 @@ def lockstep_factor(weights: str, keypoints: str, logs: Path) -> dict[str, objec
     }
 
 
-def whole_graph_round_trip(weights: str, seconds: float, logs: Path) -> dict[str, object]:
+def graph_round_trip(weights: str, seconds: float, logs: Path) -> dict[str, object]:
     """The control loop in real time with every node at work: camera, detector, planner, policies."""
     return work_in_real_time([*task_graph({"mode": "realtime", "weights": weights}), observer(logs)], seconds, logs)
 
@@ -51,13 +51,13 @@ def observer(logs: Path, *remappings: tuple[str, str]) -> NodeSpec:
 def work_in_real_time(specs: list[NodeSpec], seconds: float, logs: Path) -> dict[str, object]:
     """Episodes for so many seconds on a graph with a round_trip; what that says, episodes, stops by the guards, and
     `cores`: how much of a core each process used."""
-    from np_evaluation.nodes.episode_runner_node import Conductor
-    from np_ros.client.participant import GraphError
+    from np_evaluation.nodes.episode_runner_node import EpisodeRunner
+    from np_ros.client.supervised_client import GraphError
 
     episodes = stops = 0
     with Supervisor(logs) as supervisor:
         supervisor.start(specs)
-        with Conductor(supervisor, find_domain(DOMAIN), lockstep=False) as conductor:
+        with EpisodeRunner(supervisor, find_domain(DOMAIN), lockstep=False) as conductor:
             conductor.wait_until_ready(specs)
             conductor.call("round_trip/start")
             began, used = time.monotonic(), _processor_time(conductor)
@@ -83,7 +83,7 @@ def _processor_time(conductor) -> dict[str, float]:
     return {name: processor_seconds(pid) for name, pid in pids.items()}
 
 
-def played_frames(weights: str, frames: int, logs: Path) -> dict[str, object]:
+def play_frames(weights: str, frames: int, logs: Path) -> dict[str, object]:
     """The images of a recorded episode, again and again at their own 30 Hz, through the detector of a graph at
     work in real time, whose policies see true keypoints; until so many have been played."""
     from np_evaluation.commands.common import running_graph
@@ -109,7 +109,7 @@ def played_frames(weights: str, frames: int, logs: Path) -> dict[str, object]:
 
 def echo_round_trip(seconds: float, logs: Path) -> dict[str, object]:
     """The peer: the same backend and measurement, an echo for a controller, and nothing else at work."""
-    from np_evaluation.nodes.episode_runner_node import Conductor
+    from np_evaluation.nodes.episode_runner_node import EpisodeRunner
 
     backend = {"mode": "realtime", "camera": False}
     specs = [
@@ -119,7 +119,7 @@ def echo_round_trip(seconds: float, logs: Path) -> dict[str, object]:
     ]
     with Supervisor(logs) as supervisor:
         supervisor.start(specs)
-        with Conductor(supervisor, find_domain(DOMAIN), lockstep=False) as conductor:
+        with EpisodeRunner(supervisor, find_domain(DOMAIN), lockstep=False) as conductor:
             conductor.wait_until_ready(specs, services=())
             conductor.call("round_trip/start")
             conductor.listen(seconds)
@@ -134,7 +134,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("runs/bench"), help="folder for logs; a number is appended")
     options = parser.parse_args(arguments)
     from np_evaluation import bench_figures as figures
-    from np_ros.client.participant import GraphError
+    from np_ros.client.supervised_client import GraphError
 
     interrupt_on_sigterm()
     logs = new_folder(options.out)
@@ -142,15 +142,15 @@ def main(arguments: list[str] | None = None) -> int:
     parts = {
         "simulation": lambda: figures.simulation_figures(domain),
         "static": figures.static_figures,
-        "one_process": lambda: figures.alone_figures(find_domain("wall"), options.weights),
+        "one_process": lambda: figures.in_process_figures(find_domain("wall"), options.weights),
         "renderer": lambda: figures.renderer_figures(domain),
         "detector": lambda: figures.detector_figures(domain, options.weights),
         "policy": lambda: figures.policy_figures(domain, options.weights),
         "planner": lambda: figures.planner_figures(domain),
         "lockstep": lambda: lockstep_factor(options.weights, "camera", logs / "lockstep"),
         "lockstep_without_camera": lambda: lockstep_factor(options.weights, "truth", logs / "truth"),
-        "round_trip": lambda: whole_graph_round_trip(options.weights, options.seconds, logs / "realtime"),
-        "played_frames": lambda: played_frames(options.weights, FRAMES, logs / "frames"),
+        "round_trip": lambda: graph_round_trip(options.weights, options.seconds, logs / "realtime"),
+        "played_frames": lambda: play_frames(options.weights, FRAMES, logs / "frames"),
         "round_trip_peer_echo_alone": lambda: echo_round_trip(min(20.0, options.seconds), logs / "echo"),
     }
     result: dict[str, object] = {"machine": f"{platform.machine()}, {os.cpu_count()} cores"}

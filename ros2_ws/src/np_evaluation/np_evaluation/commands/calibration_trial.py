@@ -18,7 +18,7 @@ def run(out: Path, cameras: int, views: int, seed: int) -> dict[str, object]:
     from np_common.cli import Progress
     from np_description.weights.provenance import origin
     from np_evaluation.calibration_trial.drawing import draw, picture
-    from np_evaluation.calibration_trial.trial import ARMS, one, summary
+    from np_evaluation.calibration_trial.trial import ARMS, run_trial, summary
 
     out.mkdir(parents=True, exist_ok=True)
     revision = origin()["revision"]
@@ -26,7 +26,7 @@ def run(out: Path, cameras: int, views: int, seed: int) -> dict[str, object]:
     with tempfile.TemporaryDirectory() as folder:
         for arm in ARMS:
             for number in range(cameras):
-                found, kept = one(number, arm, seed, views, Path(folder))
+                found, kept = run_trial(number, arm, seed, views, Path(folder))
                 rows += found
                 calibration = (kept, number) if kept is not None else calibration
                 progress.show(len(rows) // 2)

@@ -29,19 +29,19 @@ def parser() -> argparse.ArgumentParser:
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable `check_backend`; 0 where every check was kept, 1 where one was not, 2 where none could be put."""
     options = parser().parse_args(args)
-    from np_evaluation.conformance.judging import NotJudged, Verdict, judge
-    from np_ros.client.peer import Peer
+    from np_evaluation.conformance.judging import CheckResult, NotTestable, judge
+    from np_ros.client.graph_client import GraphClient
 
-    def tell(verdict: Verdict) -> None:
+    def tell(verdict: CheckResult) -> None:
         took = f" ({verdict.seconds:.1f} s)" if verdict.was_asked else ""
         print(f"{verdict.mark:5} {verdict.check.words}{took}{f': {verdict.text}' if verdict.text else ''}", flush=True)
 
     print(WARNING, file=sys.stderr)
     began = time.monotonic()
-    with closing(Peer("check_backend", limit=options.limit)) as peer:
+    with closing(GraphClient("check_backend", limit=options.limit)) as peer:
         try:
             verdicts = judge(peer, options.node, options.mode, tell)
-        except NotJudged as error:
+        except NotTestable as error:
             print(f"check_backend: {error}", file=sys.stderr)
             return 2
     failed = [v.check.words for v in verdicts if v.was_asked and v.text]

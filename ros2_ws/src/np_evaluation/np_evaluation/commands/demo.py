@@ -15,7 +15,7 @@ from np_bringup.task_graph import KEYPOINT_SOURCES
 from np_common.cli import INTERRUPTED, Parser, Progress, interrupt_on_sigterm, new_folder
 from np_common.intervals import wilson_interval
 from np_description.domains import DOMAINS, find_domain
-from np_description.objects.choice import DEFAULT, portable
+from np_description.objects.choice import DEFAULT, embed_object_text
 from np_description.weights.provenance import origin
 from np_ros.processes.supervisor import NodeDied
 
@@ -39,7 +39,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     if options.episodes < 1:
         parser.error(f"--episodes: expected at least 1, got {options.episodes}")
     try:
-        options.object = portable(options.domain, options.object)
+        options.object = embed_object_text(options.domain, options.object)
     except ValueError as error:
         parser.error(str(error))
     return options
@@ -119,7 +119,7 @@ def say(text: str) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
     options = parse(arguments)
-    from np_ros.client.participant import GraphError
+    from np_ros.client.supervised_client import GraphError
 
     interrupt_on_sigterm()
     try:

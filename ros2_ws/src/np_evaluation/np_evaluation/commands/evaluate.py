@@ -13,12 +13,12 @@ from np_bringup.backends import ENGINES
 from np_common.cli import Parser, Progress
 from np_common.parallel import workers
 from np_description.domains import DOMAINS, find_domain
-from np_description.objects.choice import DEFAULT, portable
+from np_description.objects.choice import DEFAULT, embed_object_text
 from np_description.objects.scenarios import COUNT
 from np_description.weights.provenance import origin
-from np_evaluation.commands.episodes_asked import add_options, check_options, concluded
-from np_evaluation.results import Results, split
-from np_evaluation.run_episodes import Request, play, play_part
+from np_evaluation.commands.episode_options import add_options, check_options, run_command
+from np_evaluation.results import Results, split_runs
+from np_evaluation.run_episodes import RunRequest, play, play_part
 from np_evaluation.scoring import code_sha256, summary
 
 IMAGE_RATE = 10  # the policy's: images between its ticks cost time and change nothing
@@ -44,7 +44,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     check_options(parser, options, ("episodes",))
     try:
-        options.object = portable(options.domain, options.object)
+        options.object = embed_object_text(options.domain, options.object)
     except ValueError as error:
         parser.error(str(error))
     if options.cluster:  # its workers were started elsewhere
@@ -87,7 +87,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         for numbers in missing_runs:
             play(request, numbers, results, lambda n, s: progress.show(n + min(0.9, s / 15), rate(results)))
     elif missing_runs:
-        play_beside(request, missing_runs, results, options, progress)
+        run_parallel(request, missing_runs, results, options, progress)
     progress.show(options.episodes, rate(results))
     played = {"object": options.object, "scenario": options.scenario}
     figures = {"engine": options.engine, **played, **summary(results.results[: options.episodes])}
@@ -113,9 +113,9 @@ def settings_of(options: argparse.Namespace, where: dict[str, object]) -> dict[s
     }
 
 
-def request_of(options: argparse.Namespace, where: dict[str, object]) -> Request:
+def request_of(options: argparse.Namespace, where: dict[str, object]) -> RunRequest:
     """What is launched for them."""
-    return Request(
+    return RunRequest(
         {
             "domain": options.domain,
             "object": options.object,
@@ -147,11 +147,15 @@ def warnings_of(options: argparse.Namespace) -> list[str]:
     return [*check_weights(find_domain(options.domain), options.weights), *effects]
 
 
-def play_beside(request: Request, runs: list[range], results: Results, options: argparse.Namespace, progress) -> None:
+def run_parallel(
+    request: RunRequest, runs: list[range], results: Results, options: argparse.Namespace, progress
+) -> None:
     """Play runs of episodes in several graphs at a time, each in a process of its own; what is finished is kept, whatever ends it."""
     try:
         with workers(options.jobs, options.cluster) as pool:
-            playing = {pool.submit(play_part, request, part, results.part(part)) for part in split(runs, options.jobs)}
+            playing = {
+                pool.submit(play_part, request, part, results.part(part)) for part in split_runs(runs, options.jobs)
+            }
             while playing:
                 done, playing = wait(playing, timeout=1.0)
                 for future in done:
@@ -170,7 +174,7 @@ def rate(results: Results) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
     options = parse(arguments)
-    return concluded("evaluate", lambda: evaluate(options), lambda figures: (figures, 0))
+    return run_command("evaluate", lambda: evaluate(options), lambda figures: (figures, 0))
 
 
 if __name__ == "__main__":

@@ -19,10 +19,10 @@ from sim2real.effects.patch import Patch, load_patch
 from np_common.cli import INTERRUPTED, Parser, interrupt_on_sigterm
 from np_common.parallel import SINGLE_THREAD, workers
 from np_description.domains import DOMAINS
-from np_description.objects.choice import DEFAULT, portable
-from np_evaluation.finetune.learning import Learning, gpus
-from np_evaluation.finetune.playing import Cell, text_of
-from np_evaluation.finetune.stages import Rehearsal, check_episodes, diagnosed, rehearse
+from np_description.objects.choice import DEFAULT, embed_object_text
+from np_evaluation.finetune.learning import Learning, list_gpus
+from np_evaluation.finetune.rollouts import RolloutCell, text_of
+from np_evaluation.finetune.stages import FinetuneSettings, check_episodes, diagnose_bags, run_finetune
 from np_physx_bridge.library import missing
 
 MOST_MINUTES = 5.0
@@ -69,17 +69,17 @@ def main(arguments: list[str] | None = None) -> int:
     interrupt_on_sigterm()
     begun, out = time.monotonic(), options.out.resolve()
     try:
-        robot = Cell(
+        robot = RolloutCell(
             options.domain,
             weights=str(Path(options.weights).resolve()) if options.weights else "",
-            object=portable(options.domain, options.object),
+            object=embed_object_text(options.domain, options.object),
             seed=options.seed,
             contacts=options.contacts,
         )
         check_episodes(options.bags, options.domain)
-        patch = load_patch(options.patch) if options.patch else diagnosed(options.bags, out)
-        there = gpus()
-        what = Rehearsal(
+        patch = load_patch(options.patch) if options.patch else diagnose_bags(options.bags, out)
+        there = list_gpus()
+        what = FinetuneSettings(
             robot,
             out,
             _reality(robot, options.reality),
@@ -90,7 +90,7 @@ def main(arguments: list[str] | None = None) -> int:
         how = Learning(options.minutes, there[0] if there else None, options.seed, tuple(options.train))
         os.environ.update(SINGLE_THREAD)  # of the processes that are started: each has a core
         with workers(options.jobs) as pool:
-            told = rehearse(what, patch, how, pool)
+            told = run_finetune(what, patch, how, pool)
     except KeyboardInterrupt:
         print("interrupted; what is finished is kept, the same command goes on with the rest", file=sys.stderr)
         return INTERRUPTED
@@ -108,12 +108,12 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _reality(robot: Cell, asked: str | None) -> Cell | None:
+def _reality(robot: RolloutCell, asked: str | None) -> RolloutCell | None:
     """PhysX in the lab's place, with what a file says that the robot has."""
     if not asked:
         return None
     effects = Patch() if asked == "physx" else load_patch(asked)
-    return Cell(robot.domain, "physx", text_of(effects), robot.weights, robot.object, robot.seed, robot.contacts)
+    return RolloutCell(robot.domain, "physx", text_of(effects), robot.weights, robot.object, robot.seed, robot.contacts)
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
     from np_bringup.task_graph import task_graph
     from np_evaluation.endurance.fuzz import Fuzzer
     from np_record.topics import TOPICS
-    from np_ros.client.peer import Peer
+    from np_ros.client.graph_client import GraphClient
     from np_ros.processes.graph import NodeSpec
     from np_ros.processes.supervisor import NodeDied, Supervisor
 
@@ -59,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
 
             supervisor.start(graph)
             os.environ.update(supervisor.environment)
-            with closing(Peer("fuzz", domain_id=supervisor.domain_id, limit=120.0)) as peer:
+            with closing(GraphClient("fuzz", domain_id=supervisor.domain_id, limit=120.0)) as peer:
                 fuzzer = Fuzzer(peer, supervisor, restart, options.seed)
                 peer.wait_until(lambda: {spec.name for spec in graph} <= fuzzer.speaking, what="every node")
                 # A few real messages of an episode, to break.

@@ -36,7 +36,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 @dataclass
-class Run:
+class SoakRun:
     """What has been seen so far: how episodes ended, how often the backend stopped, what each node used after each episode."""
 
     graph: dict[str, str]
@@ -59,7 +59,7 @@ class Run:
 
     def result(self, error: str) -> dict[str, object]:
         """What can be said by now; error: why it is not all, "" where it is."""
-        from np_evaluation.endurance.resources import growing, trend
+        from np_evaluation.endurance.resources import find_growing, trend
 
         try:
             trends = {name: trend(values, WARM) for name, values in self.uses.items()}
@@ -69,7 +69,7 @@ class Run:
             "episodes": self.episodes,
             "ends": self.ends,
             "stops": self.stops,
-            "growing": growing(trends, self.allowed),
+            "growing": find_growing(trends, self.allowed),
             "error": error,
             "warm_up": WARM,
             "allowed_kB_per_episode": self.allowed,
@@ -89,11 +89,11 @@ class Run:
         return result
 
 
-def episodes(run: Run, options: argparse.Namespace, out: Path) -> None:
+def episodes(run: SoakRun, options: argparse.Namespace, out: Path) -> None:
     """Run them. Raises NodeDied, GraphError, TimeoutError, OSError."""
     from np_evaluation.commands.common import running_graph
-    from np_evaluation.endurance.resources import use_of
-    from np_ros.client.participant import GraphError
+    from np_evaluation.endurance.resources import measure_use
+    from np_ros.client.supervised_client import GraphError
 
     limit = 3600 * options.hours if options.hours else float("inf")
     progress = Progress(round(limit) if options.hours else options.episodes, "soak")
@@ -113,7 +113,7 @@ def episodes(run: Run, options: argparse.Namespace, out: Path) -> None:
             if outcome.declared == FAULT:  # an end as others are; the next episode begins with an arm that is well
                 conductor.recover()
             for name, pid in conductor.processes().items():
-                run.uses.setdefault(name, []).append(use_of(pid))
+                run.uses.setdefault(name, []).append(measure_use(pid))
             if run.episodes % _WRITTEN == 0:
                 run.write(out / "soak.json", f"not finished: {run.episodes} episodes so far")
             memory = sum(values[-1].memory for values in run.uses.values()) / 1e3
@@ -127,7 +127,7 @@ def main(arguments: list[str] | None = None) -> int:
         parser().error(f"--episodes: expected at least {WARM + 10}, got {options.episodes}")
     if options.hours is not None and not options.hours > 0:
         parser().error(f"--hours: expected more than 0, got {options.hours:g}")
-    from np_ros.client.participant import GraphError
+    from np_ros.client.supervised_client import GraphError
     from np_ros.processes.supervisor import NodeDied
 
     interrupt_on_sigterm()
@@ -136,7 +136,7 @@ def main(arguments: list[str] | None = None) -> int:
     graph = {"domain": options.domain, "seed": str(options.seed), "keypoints": options.keypoints, "mode": mode}
     if options.first:
         graph["first_episode"] = str(options.first)
-    run = Run(graph, options.memory, str(origin()["revision"]))
+    run = SoakRun(graph, options.memory, str(origin()["revision"]))
     try:
         out = new_folder(options.out)
     except OSError as failure:

@@ -19,17 +19,17 @@ from np_common.parallel import workers
 from np_description.domains import DOMAINS
 from np_description.objects.scenarios import COUNT
 from np_description.weights.provenance import origin
-from np_evaluation.commands.episodes_asked import add_options, check_options, concluded
+from np_evaluation.commands.episode_options import add_options, check_options, run_command
 from np_evaluation.paper_table import (
-    Cell,
-    Played,
-    Setting,
-    cells,
+    CellResult,
+    TableCell,
+    TableSettings,
     episodes,
-    found,
-    play,
-    rows,
-    totals,
+    play_cell,
+    read_cell,
+    table_cells,
+    table_rows,
+    table_totals,
 )
 from np_evaluation.scoring import code_sha256
 
@@ -50,10 +50,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 def table3(options: argparse.Namespace) -> dict[str, object]:
     """Play every cell, or take what there is; rows, totals and what was asked for. Raises ValueError for an object that no row has."""
-    asked = cells(options.domains, options.objects, options.scenarios)
+    asked = table_cells(options.domains, options.objects, options.scenarios)
     again = f"_contacts{options.contacts}" if options.contacts > 1 else ""
     place = options.out.resolve() / f"{options.engine}_{options.keypoints}_{options.seed}{again}"
-    setting = Setting(
+    setting = TableSettings(
         options.engine,
         options.keypoints,
         options.tries,
@@ -77,8 +77,8 @@ def table3(options: argparse.Namespace) -> dict[str, object]:
         "tries": options.tries,
         "seed": options.seed,
         **what_runs,
-        "totals": totals(in_order),
-        "rows": rows(in_order),
+        "totals": table_totals(in_order),
+        "rows": table_rows(in_order),
         "per_episode": episodes(in_order),
         "wall_s": round(time.monotonic() - began, 1),
     }
@@ -89,24 +89,24 @@ def table3(options: argparse.Namespace) -> dict[str, object]:
     return {**table, "results": str(place / "table.json"), "plot": str(place / "table.svg")}
 
 
-def _played(asked: list[Cell], setting: Setting, options: argparse.Namespace) -> dict[Cell, Played]:
-    played: dict[Cell, Played] = {}
+def _played(asked: list[TableCell], setting: TableSettings, options: argparse.Namespace) -> dict[TableCell, CellResult]:
+    played: dict[TableCell, CellResult] = {}
     progress = Progress(len(asked), "table3")
     with workers(options.jobs, options.cluster) as pool:
         # Scenario by scenario: whatever ends it, every row has about as much.
         in_turn = sorted(asked, key=lambda cell: cell.scenario)
-        playing = {pool.submit(play, cell, setting): cell for cell in in_turn}
+        playing = {pool.submit(play_cell, cell, setting): cell for cell in in_turn}
         progress.show(0)
         for future in as_completed(playing):
             cell, error = playing[future], future.exception()
-            played[cell] = Played(cell, error=f"{type(error).__name__}: {error}") if error else future.result()
+            played[cell] = CellResult(cell, error=f"{type(error).__name__}: {error}") if error else future.result()
             progress.show(len(played), _so_far(played.values()))
     return played
 
 
-def _found(asked: list[Cell], setting: Setting) -> tuple[dict[Cell, Played], dict[str, object]]:
+def _found(asked: list[TableCell], setting: TableSettings) -> tuple[dict[TableCell, CellResult], dict[str, object]]:
     """What there is of the cells, and what it was played with. Raises ValueError where cells were played with different code or weights."""
-    there = {cell: found(cell, setting) for cell in asked}
+    there = {cell: read_cell(cell, setting) for cell in asked}
     told = ("code_sha256", "revision", "weights_sha256")
     kinds = {json.dumps({k: s[k] for k in told if k in s}, sort_keys=True) for _, s in there.values() if s}
     if len({json.dumps(json.loads(kind) | {"revision": ""}, sort_keys=True) for kind in kinds}) > 1:
@@ -121,7 +121,7 @@ def _so_far(played) -> str:
     return f"success {sum(p.successes for p in played)}/{tried}" if tried else ""
 
 
-def printed(table: Mapping) -> str:
+def format_table(table: Mapping) -> str:
     """The table as lines of text."""
     numbers = sorted({number for row in table["rows"] for number in row["scenarios"]})
     again = any("first_contact" in row for row in table["rows"])
@@ -146,7 +146,7 @@ def _rate(figures: Mapping) -> str:
 
 
 def _told(table: Mapping) -> tuple[Mapping, int]:
-    print(printed(table))
+    print(format_table(table))
     short = {key: value for key, value in table.items() if key not in ("rows", "per_episode", "weights_sha256")}
     return short, int(any(row["errors"] for row in table["rows"]))
 
@@ -154,7 +154,7 @@ def _told(table: Mapping) -> tuple[Mapping, int]:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object. 1 where a cell was not played."""
     options = parse(arguments)
-    return concluded("table3", lambda: table3(options), _told)
+    return run_command("table3", lambda: table3(options), _told)
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ ANY, REAL_TIME, CAMERA, PAUSE = "any mode", "real time", "real time with a camer
 
 
 @dataclass(frozen=True)
-class Check:
+class ConformanceCheck:
     """One thing that the contract promises: in words, whom it is asked of, and how.
 
     `run(harness)` raises Broken or TimeoutError, both with words.
@@ -43,14 +43,14 @@ class Check:
     run: Callable[[Harness], None]
 
 
-CHECKS: list[Check] = []
+CHECKS: list[ConformanceCheck] = []
 
 
 def check(words: str, asked_of: str = ANY):
     """Add a check."""
 
     def add(run: Callable[[Harness], None]) -> Callable[[Harness], None]:
-        CHECKS.append(Check(words, asked_of, run))
+        CHECKS.append(ConformanceCheck(words, asked_of, run))
         return run
 
     return add
@@ -199,7 +199,7 @@ def nothing_to_recover(harness: Harness) -> None:
 
 
 @check("states come without answers, and the arm holds", REAL_TIME)
-def unanswered(harness: Harness) -> None:
+def command_timeout(harness: Harness) -> None:
     first = list(harness.states[-1].position[:7])
     start = harness.stamp
     harness.wait(lambda: harness.stamp >= start + 100 * PERIOD, "a hundred periods")

@@ -30,7 +30,7 @@ Make = Callable[[JointState], Command]
 
 
 @dataclass(frozen=True)
-class Commands:
+class BackendCommands:
     """One kind of command.
 
     sent: topics and their types; period: ns between two commands; subscribed, published: what a backend that
@@ -86,7 +86,7 @@ def _short(state):
     return command
 
 
-EFFORTS = Commands(
+EFFORTS = BackendCommands(
     sent={"effort_command": JointState},
     period=PERIOD,
     subscribed={"/effort_command": "sensor_msgs/msg/JointState"},
@@ -141,7 +141,7 @@ def _alone(state):
     return {"target_pose": target(state)["target_pose"]}
 
 
-TARGETS = Commands(
+TARGETS = BackendCommands(
     sent={"target_gains": Float64MultiArray, "target_pose": PoseStamped},
     period=POLICY_PERIOD,
     subscribed={

@@ -9,30 +9,30 @@ from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 
 from np_description.message_arrays import stamp_nanoseconds
-from np_evaluation.conformance.commands import EFFORTS, Command, Commands
+from np_evaluation.conformance.commands import EFFORTS, BackendCommands, Command
 from np_ros import qos
-from np_ros.client.peer import Peer
+from np_ros.client.graph_client import GraphClient
 
 
-class Broken(AssertionError):
+class BackendViolation(AssertionError):
     """The backend did not keep what the contract says; the text names what was expected and what came."""
 
 
 def expect(kept: object, text: str) -> None:
     """Raises Broken with `text` where `kept` does not hold."""
     if not kept:
-        raise Broken(text)
+        raise BackendViolation(text)
 
 
 @dataclass(frozen=True)
-class Judged:
+class TestedBackend:
     """A backend: its node's name, what moves it, and what it can do besides moving the arm.
 
     has_tasks: it draws tasks; has_camera: it gives images; can_pause: its time can stand still.
     """
 
     name: str
-    commands: Commands = EFFORTS
+    commands: BackendCommands = EFFORTS
     has_tasks: bool = False
     has_camera: bool = False
     can_pause: bool = False
@@ -50,7 +50,7 @@ class Harness:
     `message` the newest of the backend's diagnostics, `said` the watchdog's state in each of them.
     """
 
-    def __init__(self, peer: Peer, backend: Judged):
+    def __init__(self, peer: GraphClient, backend: TestedBackend):
         self.peer, self.backend = peer, backend
         self.commands = backend.commands
         self.answer: Callable[[JointState], Command | None] = silent

@@ -7,21 +7,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from np_description.message_arrays import BadMessage
-from np_evaluation.conformance.checks import ANY, CAMERA, CHECKS, PAUSE, REAL_TIME, Check
+from np_evaluation.conformance.checks import ANY, CAMERA, CHECKS, PAUSE, REAL_TIME, ConformanceCheck
 from np_evaluation.conformance.commands import EFFORTS, TARGETS
-from np_evaluation.conformance.harness import Harness, Judged
-from np_ros.client.peer import Peer
+from np_evaluation.conformance.harness import Harness, TestedBackend
+from np_ros.client.graph_client import GraphClient
 
 
-class NotJudged(RuntimeError):
+class NotTestable(RuntimeError):
     """No check could be put; the text says what was expected and what came."""
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CheckResult:
     """A check, how long it took (s), and what was broken; "" where it was kept. Of one that was not asked: why not."""
 
-    check: Check
+    check: ConformanceCheck
     was_asked: bool
     text: str
     seconds: float = 0.0
@@ -32,7 +32,7 @@ class Verdict:
         return ("FAIL" if self.text else "ok") if self.was_asked else "-"
 
 
-def look_at(peer: Peer, name: str) -> Judged:
+def inspect_backend(peer: GraphClient, name: str) -> TestedBackend:
     """The backend of this name, by its topics and services. Raises NotJudged."""
     node = peer.node
     try:
@@ -42,14 +42,14 @@ def look_at(peer: Peer, name: str) -> Judged:
             what=f"{name} to subscribe to effort_command, or to target_pose where the controller is on board",
         )
     except TimeoutError as error:
-        raise NotJudged(f"{error}; nodes that are there: {', '.join(sorted(node.get_node_names()))}") from None
+        raise NotTestable(f"{error}; nodes that are there: {', '.join(sorted(node.get_node_names()))}") from None
     is_effort = name in peer.subscribers("effort_command")
     commands = EFFORTS if is_effort else TARGETS
     others = {p for topic in commands.sent for p in peer.publishers(topic)} - {name}
     if others:
-        raise NotJudged(f"expected nobody else to command it, got {', '.join(sorted(others))}: end them for this")
+        raise NotTestable(f"expected nobody else to command it, got {', '.join(sorted(others))}: end them for this")
     services = {service for service, _ in node.get_service_names_and_types_by_node(name, "/")}
-    return Judged(
+    return TestedBackend(
         name,
         commands,
         has_tasks=f"/{name}/reset" in services,
@@ -58,14 +58,14 @@ def look_at(peer: Peer, name: str) -> Judged:
     )
 
 
-def judge(peer: Peer, name: str, mode: str, tell: Callable[[Verdict], None]) -> list[Verdict]:
+def judge(peer: GraphClient, name: str, mode: str, tell: Callable[[CheckResult], None]) -> list[CheckResult]:
     """Put every check that applies, telling each as it is done. Raises NotJudged."""
-    backend = look_at(peer, name)
+    backend = inspect_backend(peer, name)
     harness = Harness(peer, backend)
     try:
         harness.meet()
     except TimeoutError as error:
-        raise NotJudged(str(error)) from None
+        raise NotTestable(str(error)) from None
     is_real_time = mode == "realtime"
     asked = {
         ANY: True,
@@ -76,7 +76,7 @@ def judge(peer: Peer, name: str, mode: str, tell: Callable[[Verdict], None]) -> 
     verdicts = []
     for check in CHECKS:
         if not asked[check.asked_of]:
-            verdict = Verdict(check, False, f"asked of {check.asked_of} only")
+            verdict = CheckResult(check, False, f"asked of {check.asked_of} only")
         else:
             began, text = time.monotonic(), ""
             try:
@@ -84,7 +84,7 @@ def judge(peer: Peer, name: str, mode: str, tell: Callable[[Verdict], None]) -> 
                 check.run(harness)
             except (AssertionError, TimeoutError, BadMessage) as error:
                 text = str(error)
-            verdict = Verdict(check, True, text, time.monotonic() - began)
+            verdict = CheckResult(check, True, text, time.monotonic() - began)
         verdicts.append(verdict)
         tell(verdict)
     _leave(harness)

@@ -10,10 +10,10 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message, serialize_message
 
-from np_evaluation.endurance.random_messages import broken, broken_bytes, message_type, random_message
+from np_evaluation.endurance.random_messages import break_bytes, break_message, message_type, random_message
 from np_record.topics import TOPICS, Topic
 from np_ros import qos
-from np_ros.client.peer import Peer
+from np_ros.client.graph_client import GraphClient
 from np_ros.processes.supervisor import NodeDied, Supervisor
 
 BATCH = 20  # messages after which it is looked whether everybody lives
@@ -23,7 +23,7 @@ DRAIN = 1.0  # s in which the last messages arrive
 
 
 @dataclass
-class Fuzzed:
+class FuzzResult:
     """One topic: messages sent by kind; how many each node refused; who died, with its last lines; who fell silent."""
 
     topic: str
@@ -36,7 +36,7 @@ class Fuzzed:
 class Fuzzer:
     """Sends to a graph of `supervisor` with `peer`; restart(name) starts a node again that has died."""
 
-    def __init__(self, peer: Peer, supervisor: Supervisor, restart: Callable[[str], None], seed: int):
+    def __init__(self, peer: GraphClient, supervisor: Supervisor, restart: Callable[[str], None], seed: int):
         self._peer, self._supervisor, self._restart = peer, supervisor, restart
         self._rng = np.random.default_rng(seed)
         self._samples: dict[str, list[bytes]] = {}
@@ -56,7 +56,7 @@ class Fuzzer:
         """Whether there are real messages of these topics."""
         return all(self._samples[name] for name in topics)
 
-    def fuzz(self, topic: Topic, count: int) -> Fuzzed | None:
+    def fuzz(self, topic: Topic, count: int) -> FuzzResult | None:
         """Send `count` messages on a topic; None where nobody subscribes to it."""
         nodes = sorted(set(self._peer.subscribers(topic.name)) & set(self._supervisor.names))
         if not nodes:
@@ -64,7 +64,7 @@ class Fuzzer:
         kind = message_type(topic.type)
         publisher = self._peer.advertise(topic.name, kind, qos.LATCHED if topic.latched else qos.LOCKSTEP)
         self._peer.wait_until(lambda: publisher.get_subscription_count() >= len(nodes), PATIENCE, f"{topic.name}")
-        found, self._sends = Fuzzed(topic.name), True
+        found, self._sends = FuzzResult(topic.name), True
         self._hear(nodes, found)
         before = {name: self._refused(name) for name in nodes}
         self._hears_itself = (
@@ -91,14 +91,14 @@ class Fuzzer:
         if way == "random" or (way == "broken" and not samples):
             return "random", random_message(kind, self._rng)
         if way == "broken":
-            return way, broken(deserialize_message(self._pick(samples), kind), self._rng)
+            return way, break_message(deserialize_message(self._pick(samples), kind), self._rng)
         data = self._pick(samples) if samples else serialize_message(random_message(kind, self._rng))
-        return way, broken_bytes(data, self._rng)
+        return way, break_bytes(data, self._rng)
 
     def _pick(self, samples: list[bytes]) -> bytes:
         return samples[int(self._rng.integers(len(samples)))]
 
-    def _look(self, found: Fuzzed) -> None:
+    def _look(self, found: FuzzResult) -> None:
         """Note who has died, and start them again."""
         try:
             self._supervisor.check()
@@ -107,7 +107,7 @@ class Fuzzer:
             self._counts.pop(death.name, None)
             self._restart(death.name)
 
-    def _hear(self, nodes: list[str], found: Fuzzed) -> None:
+    def _hear(self, nodes: list[str], found: FuzzResult) -> None:
         """Wait until every node has spoken anew."""
         since = {name: self._heard.get(name, 0) for name in nodes}
         deadline = time.monotonic() + PATIENCE

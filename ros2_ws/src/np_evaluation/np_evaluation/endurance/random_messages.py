@@ -63,7 +63,7 @@ def random_message(kind: type, rng: np.random.Generator):
     return message
 
 
-def broken(message, rng: np.random.Generator):
+def break_message(message, rng: np.random.Generator):
     """A copy of a real message with one to three of its fields random."""
     changed = deepcopy(message)
     for _ in range(int(rng.integers(1, 4))):
@@ -83,7 +83,7 @@ def broken(message, rng: np.random.Generator):
     return changed
 
 
-def broken_bytes(data: bytes, rng: np.random.Generator) -> bytes:
+def break_bytes(data: bytes, rng: np.random.Generator) -> bytes:
     """Serialized bytes cut off, or with some of them changed behind the four that say how they are written."""
     kept = bytearray(data[: int(rng.integers(4, max(5, len(data))))] if rng.random() < 0.5 else data)
     for _ in range(int(rng.integers(1, 5))):

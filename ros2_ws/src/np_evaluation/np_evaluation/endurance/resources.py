@@ -11,7 +11,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Use:
+class ResourceUse:
     """Of one process: resident memory of its own kB, open handles, threads.
 
     Its own is what it has written, alone or shared. Pages of program files do not count: they come when a rare path of a library is
@@ -23,12 +23,12 @@ class Use:
     threads: int
 
 
-def use_of(pid: int) -> Use:
+def measure_use(pid: int) -> ResourceUse:
     """What a process uses now. Raises OSError where it has ended."""
     folder = Path("/proc") / str(pid)
     lines = dict(line.split(":", 1) for line in (folder / "status").read_text().splitlines() if ":" in line)
     own = sum(int(lines[kind].split()[0]) for kind in ("RssAnon", "RssShmem"))
-    return Use(own, len(list((folder / "fd").iterdir())), int(lines["Threads"]))
+    return ResourceUse(own, len(list((folder / "fd").iterdir())), int(lines["Threads"]))
 
 
 def processor_seconds(pid: int) -> float:
@@ -53,7 +53,7 @@ class Trend:
         return not grown and self.memory_per_episode < memory_per_episode
 
 
-def trend(uses: Sequence[Use], warm: int) -> Trend:
+def trend(uses: Sequence[ResourceUse], warm: int) -> Trend:
     """The trend of one process, one entry an episode. Raises ValueError where fewer than ten are left after the warm-up."""
     kept = uses[warm:]
     if len(kept) < 10:
@@ -73,6 +73,6 @@ def trend(uses: Sequence[Use], warm: int) -> Trend:
     )
 
 
-def growing(trends: Mapping[str, Trend], memory_per_episode: float) -> list[str]:
+def find_growing(trends: Mapping[str, Trend], memory_per_episode: float) -> list[str]:
     """The processes that are not flat."""
     return [name for name, one in trends.items() if not one.is_flat(memory_per_episode)]

@@ -29,7 +29,7 @@ DONE = "learned.json"
 SAVE_EVERY = "30"  # s between checkpoints, with which a training that is killed goes on
 
 
-class Ended(OSError):
+class TrainingInterrupted(OSError):
     """Training was ended from outside; what it has saved is gone on from."""
 
 
@@ -48,20 +48,20 @@ class Learning:
         return START + 60 * self.minutes * (1 + DISTIL_SHARE)
 
 
-def carried(patch: Patch) -> tuple[Patch, list[str]]:
+def split_trainable(patch: Patch) -> tuple[Patch, list[str]]:
     """The part of a patch that training has in its simulator, and what is left out, in words."""
     kept = [e for e in patch.effects if "training" in e.definition.supported_in]
     left = [f"{e.effect} at {e.component}" for e in patch.effects if "training" not in e.definition.supported_in]
     return Patch(tuple(kept)), left
 
 
-def learned(out: Path) -> dict | None:
-    """What `learn` has come to in a folder; None where it has not yet."""
+def read_training_result(out: Path) -> dict | None:
+    """What `train_and_distill` has come to in a folder; None where it has not yet."""
     done = out / DONE
     return json.loads(done.read_text(encoding="utf-8")) if done.exists() else None
 
 
-def learn(
+def train_and_distill(
     domain: str,
     patch: Patch,
     out: Path,
@@ -75,7 +75,7 @@ def learn(
     Done once out/learned.json is there. is_over: asked every second whether it shall end at once. Raises OSError, with the last words, where
     training ends with an error or there is no checkpoint to go on from, and Ended.
     """
-    if (known := learned(out)) is not None:
+    if (known := read_training_result(out)) is not None:
         return known
     begun = time.monotonic()
     folder = weights_folder(weights)
@@ -124,7 +124,7 @@ def _training(domain: str, how: Learning) -> list[str]:
     return ["np_training.train", "--domain", domain, "--seed", str(how.seed), *robust, *where, *how.options]
 
 
-def warm(domain: str, out: Path, how: Learning, is_over: Callable[[], bool] = lambda: False) -> None:
+def compile_kernels(domain: str, out: Path, how: Learning, is_over: Callable[[], bool] = lambda: False) -> None:
     """Have the kernels of a domain's training compiled, by one iteration of it in `out`: those that begin together later find them kept. What
     goes wrong is said, and costs no more than the time."""
     out.mkdir(parents=True, exist_ok=True)
@@ -162,7 +162,7 @@ def _run(
             try:
                 while process.poll() is None:
                     if is_over():
-                        raise Ended(f"{arguments[0]} was ended ({log})")
+                        raise TrainingInterrupted(f"{arguments[0]} was ended ({log})")
                     progress.show(min(round(time.monotonic() - begun), round(seconds) - 1))
                     try:
                         process.wait(1.0)
@@ -191,7 +191,7 @@ def _last_told(words: Sequence[str], log: Path) -> dict:
     raise OSError(f"{log}: expected a line of JSON, there is none")
 
 
-def gpus() -> list[int]:
+def list_gpus() -> list[int]:
     """Numbers of the GPUs that are there."""
     import torch  # slow
 

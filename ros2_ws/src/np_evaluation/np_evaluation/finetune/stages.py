@@ -1,10 +1,10 @@
 """The stages of a rehearsal, each with a file for its result: what is there is not done again.
 
-recordings.txt    where it was found                                     (`diagnosed`)
-patch.yaml        what the doctor found                                  (`diagnosed`)
+recordings.txt    where it was found                                     (`diagnose_bags`)
+patch.yaml        what the doctor found                                  (`diagnose_bags`)
 episodes/*.json   scores, episode by episode, by cell
 learned.json      training and distillation; weights/ has both policies  (learning.learn)
-rehearsal.json    all of it, of what is known so far                     (`rehearse`)
+rehearsal.json    all of it, of what is known so far                     (`run_finetune`)
 """
 
 from __future__ import annotations
@@ -26,10 +26,17 @@ from sim2real.effects.patch import Patch, dump_patch, load_patch
 from np_common.files import write_atomically
 from np_common.intervals import wilson_interval
 from np_common.parent_process import end_with_parent
-from np_evaluation.corrections import corrections
-from np_evaluation.finetune.learning import Learning, carried, learn, learned
-from np_evaluation.finetune.playing import Cell, play_all, succeeds, text_of
-from np_evaluation.finetune.shares import joined, mean_and_interval, parts, shapley, subsets, with_intervals
+from np_evaluation.calibration_corrections import corrections
+from np_evaluation.finetune.learning import Learning, read_training_result, split_trainable, train_and_distill
+from np_evaluation.finetune.rollouts import RolloutCell, run_all_rollouts, succeeds, text_of
+from np_evaluation.finetune.shapley_values import (
+    join_patches,
+    mean_and_interval,
+    shapley,
+    split_patch,
+    subsets,
+    with_intervals,
+)
 from np_record.bag import BagError, Recording
 
 Turn = Callable[[], AbstractContextManager[int | None]]
@@ -37,7 +44,7 @@ Turn = Callable[[], AbstractContextManager[int | None]]
 
 
 @dataclass(frozen=True)
-class Rehearsal:
+class FinetuneSettings:
     """What is rehearsed.
 
     robot: the nominal one in the simulator, with the policies that are there; reality: what it is judged by besides, None where that is the
@@ -47,9 +54,9 @@ class Rehearsal:
     training whether it shall end; left: effects that nobody corrects, by id.
     """
 
-    robot: Cell
+    robot: RolloutCell
     out: Path
-    reality: Cell | None = None
+    reality: RolloutCell | None = None
     episodes: int = 100
     share_episodes: int = 50
     name: str = ""
@@ -59,12 +66,12 @@ class Rehearsal:
     is_over: Callable[[], bool] = lambda: False
     left: tuple[str, ...] = ()
 
-    def play(self, cells: dict[str, Cell], episodes: int, what: str, pool: Executor) -> dict[str, list[float]]:
+    def play(self, cells: dict[str, RolloutCell], episodes: int, what: str, pool: Executor) -> dict[str, list[float]]:
         """Scores of cells, kept in `out`."""
         self.go_on(0.0)
-        return play_all(cells, episodes, self.out / "episodes", pool, self.name + what)
+        return run_all_rollouts(cells, episodes, self.out / "episodes", pool, self.name + what)
 
-    def patched(self, patch: Patch) -> Cell:
+    def patched(self, patch: Patch) -> RolloutCell:
         """The simulated robot with a patch."""
         return replace(self.robot, effects=text_of(patch))
 
@@ -81,7 +88,7 @@ def check_episodes(bags: Sequence[Path], domain: str) -> None:
             )
 
 
-def diagnosed(bags: Sequence[Path], out: Path) -> Patch:
+def diagnose_bags(bags: Sequence[Path], out: Path) -> Patch:
     """What the doctor finds in recordings of the suites: `diagnose` of those of the arm, `chain` of those with keypoints, and out/patch.yaml of
     both. Raises OSError where a doctor refuses, with its words, ValueError where `out` has what was found in other recordings."""
     whole, of = out / "patch.yaml", out / "recordings.txt"
@@ -121,15 +128,17 @@ def _asked(doctor: str, bags: Sequence[str], out: Path, options: Sequence[str] =
     return load_patch(out / "patch.yaml").effects
 
 
-def rehearse(what: Rehearsal, patch: Patch, how: Learning | None, pool: Executor, turn: Turn | None = None) -> dict:
+def run_finetune(
+    what: FinetuneSettings, patch: Patch, how: Learning | None, pool: Executor, turn: Turn | None = None
+) -> dict:
     """From a patch to recovered success; what is told, which out/rehearsal.json keeps, also where it ends early. how: None: nothing is trained;
     turn: who trains when, None: at once, where `how` says.
 
-    What detector and driver can be told of the patch they are told (`np_evaluation.corrections`); policies are trained on with the rest.
+    What detector and driver can be told of the patch they are told (`np_evaluation.calibration_corrections`); policies are trained on with the rest.
     """
     begun = time.monotonic()
     corrected = corrections(patch, what.left)
-    trained_with, left_out = trained_for(what, patch)
+    trained_with, left_out = training_patch(what, patch)
     told_of = "" if corrected.is_none else text_of(Patch(tuple(e for e in patch.effects if e.effect not in what.left)))
 
     def say(played: dict, costs: dict, learned: dict | None, after: dict) -> dict:
@@ -148,7 +157,7 @@ def rehearse(what: Rehearsal, patch: Patch, how: Learning | None, pool: Executor
             if name in cells:
                 cells[f"{name}_corrected"] = replace(cells[name], corrected=told_of)
         played = what.play(cells, what.episodes, "success before", pool)
-        costs = _costs(what, parts(patch), played, pool) if patch.effects and what.share_episodes else {}
+        costs = _costs(what, split_patch(patch), played, pool) if patch.effects and what.share_episodes else {}
         told = say(played, costs, None, {})
         if trained_with.effects and how is not None:
             new = learning()
@@ -156,23 +165,27 @@ def rehearse(what: Rehearsal, patch: Patch, how: Learning | None, pool: Executor
     return told
 
 
-def trained_for(what: Rehearsal, patch: Patch) -> tuple[Patch, list[str]]:
+def training_patch(what: FinetuneSettings, patch: Patch) -> tuple[Patch, list[str]]:
     """The part of a patch that policies are trained on with, and what neither corrections nor training have, in words."""
-    return carried(corrections(patch, what.left).remaining)
+    return split_trainable(corrections(patch, what.left).remaining)
 
 
-def trained(
-    what: Rehearsal, patch: Patch, how: Learning, turn: Turn | None = None, is_over: Callable[[], bool] = lambda: False
+def train_on_patch(
+    what: FinetuneSettings,
+    patch: Patch,
+    how: Learning,
+    turn: Turn | None = None,
+    is_over: Callable[[], bool] = lambda: False,
 ) -> dict:
     """What training comes to (`learning.learn`), when it is its turn; what is there already waits for none. Also before a rehearsal, which then
     finds it."""
-    if (known := learned(what.out)) is not None:
+    if (known := read_training_result(what.out)) is not None:
         return known
     with (turn or (lambda: nullcontext(how.gpu)))() as gpu:
         what.go_on(how.seconds)
-        return learn(
+        return train_and_distill(
             what.robot.domain,
-            trained_for(what, patch)[0],
+            training_patch(what, patch)[0],
             what.out,
             replace(how, gpu=gpu),
             what.robot.weights,
@@ -181,15 +194,17 @@ def trained(
 
 
 @contextmanager
-def _begun(what: Rehearsal, patch: Patch, how: Learning | None, turn: Turn | None) -> Iterator[Callable[[], dict]]:
+def _begun(
+    what: FinetuneSettings, patch: Patch, how: Learning | None, turn: Turn | None
+) -> Iterator[Callable[[], dict]]:
     """Waits for what training comes to, which is begun at once or then. Where this is interrupted training is too; where anything else is raised
     it is done to its end, and kept."""
     interrupted = Event()
 
     def train() -> dict:
-        return trained(what, patch, how, turn, interrupted.is_set)
+        return train_on_patch(what, patch, how, turn, interrupted.is_set)
 
-    if not (what.beside and how is not None and trained_for(what, patch)[0].effects):
+    if not (what.beside and how is not None and training_patch(what, patch)[0].effects):
         yield train
         return
     with ThreadPoolExecutor(1) as thread:
@@ -202,7 +217,9 @@ def _begun(what: Rehearsal, patch: Patch, how: Learning | None, turn: Turn | Non
             raise
 
 
-def _chosen(what: Rehearsal, patch: Patch, told_of: str, learned: dict, pool: Executor) -> dict[str, list[float]]:
+def _chosen(
+    what: FinetuneSettings, patch: Patch, told_of: str, learned: dict, pool: Executor
+) -> dict[str, list[float]]:
     """Scores of the new policies, with the new student or with the old one: whichever the patched simulator has the better scores with, which
     reality is then asked for."""
     places = {"new": learned["weights"], "old": learned["weights_old_student"]}
@@ -219,13 +236,15 @@ def _chosen(what: Rehearsal, patch: Patch, told_of: str, learned: dict, pool: Ex
     return played
 
 
-def _costs(what: Rehearsal, blamed: dict[str, Patch], played: dict, pool: Executor) -> dict[str, dict]:
+def _costs(what: FinetuneSettings, blamed: dict[str, Patch], played: dict, pool: Executor) -> dict[str, dict]:
     """What each part of the patch costs in the patched simulator: its share of success, of the score, and the score that comes back where it alone
     is taken out."""
     names = list(blamed)
     count = min(what.share_episodes, what.episodes) if len(names) > 1 else what.episodes
     asked = {some: f"subset_{sum(1 << names.index(name) for name in some)}" for some in subsets(names)}
-    cells = {label: what.patched(joined(blamed, some)) for some, label in asked.items() if 0 < len(some) < len(names)}
+    cells = {
+        label: what.patched(join_patches(blamed, some)) for some, label in asked.items() if 0 < len(some) < len(names)
+    }
     success = what.play(cells, count, "which effect", pool) if cells else {}
     success |= {asked[frozenset()]: played["nominal"][:count], asked[frozenset(names)]: played["patched"][:count]}
     scores = {some: np.array(success[label], float) for some, label in asked.items()}

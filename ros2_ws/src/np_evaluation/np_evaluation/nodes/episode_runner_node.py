@@ -15,7 +15,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2
 
 from np_control.force_watch import ForceFigures, read_figures
-from np_description.contact.depths import Tally
+from np_description.contact.depths import DepthHistogram
 from np_description.contact.penetration import Penetration
 from np_description.domains import Domain, Pose
 from np_description.limit_share import limit_shares
@@ -26,7 +26,7 @@ from np_record.bulk import joint_state_rows
 from np_record.cdr import header_stamp
 from np_record.outcome import Outcome, score
 from np_ros import qos
-from np_ros.client.participant import SERVICE_TIMEOUT, GraphError, Participant
+from np_ros.client.supervised_client import SERVICE_TIMEOUT, GraphError, SupervisedGraphClient
 from np_ros.phases import phase_state
 from np_ros.processes.graph import NodeSpec
 from np_ros.processes.supervisor import Supervisor
@@ -37,7 +37,7 @@ _FORCE = "external_force"  # key of the backend's figures of an episode
 _KEPT = 50  # states that wait for the pose of their stamp
 
 
-class Conductor(Participant):
+class EpisodeRunner(SupervisedGraphClient):
     """Runs episodes on the graph of a supervisor, whose robot the node `backend` owns.
 
     on_phase(phase, s of simulated time since the reset) is told every change, on_tick(s) every policy tick.
@@ -62,7 +62,7 @@ class Conductor(Participant):
         self._goal: tuple[int, Pose] | None = None
         self._in_force = -1  # stamp of the goal that `episode` has
         self._now = 0
-        self._penetration, self._tally = Penetration(domain), Tally()
+        self._penetration, self._tally = Penetration(domain), DepthHistogram()
         self._heard: list[bytes] = []  # every state of the episode
         self._states: dict[int, bytes] = {}
         self._waiting: dict[int, Pose] = {}
@@ -126,7 +126,7 @@ class Conductor(Participant):
         # A start that came before would begin with the goal of before.
         self._wait(lambda: self._in_force == began, SERVICE_TIMEOUT, "goal_keypoints after the reset")
         self._phases.clear()
-        self._tally = Tally()
+        self._tally = DepthHistogram()
         self._heard.clear()
         self._poses = [item for item in self._poses if item[0] >= began]
         self._succeed("episode/start")
@@ -141,7 +141,7 @@ class Conductor(Participant):
         return score(self._domain, self._phases, pose, goal, (ended - began) / 1e9)
 
     @property
-    def depths(self) -> Tally:
+    def depths(self) -> DepthHistogram:
         """How deep things were in each other in the last episode, at every true pose of the object."""
         return self._tally
 

@@ -27,7 +27,7 @@ from np_franka.gripper import Gripper
 from np_franka.nodes.condition import condition
 from np_franka.nodes.settings import declare
 from np_franka.onboard import Onboard
-from np_franka.telling import Telling
+from np_franka.state_throttle import StateChangeThrottle
 from np_ros import qos
 from np_ros.low_latency.spin import Spinner, request_realtime
 from np_ros.messages import JointStateWriter
@@ -50,7 +50,7 @@ class FrankaDriver(Node):
         # A simulated robot's clock is as slow as the computer that it has.
         self._judges_clock = settings.realtime == "enforce"
         self._published = -1  # number of the period published last
-        self._telling = Telling()
+        self._telling = StateChangeThrottle()
         self.diagnostics = Diagnostics(self)
         self.diagnostics.values.update(
             mode="realtime",

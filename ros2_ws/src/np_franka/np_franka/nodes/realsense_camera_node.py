@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from np_franka.realsense import RealSense, Settings, find_device
+from np_franka.realsense import RealSense, RealSenseSettings, find_device
 from np_perception.nodes.camera import CameraNode
 from np_ros.node import parameter, run
 
@@ -16,8 +16,8 @@ class RealSenseCamera(CameraNode):
     def __init__(self, find: Callable = find_device) -> None:
         super().__init__("realsense_camera")
         serial = parameter(self, "serial_number", "", "Of the camera; empty: the only one there is.")
-        default = Settings()
-        settings = Settings(
+        default = RealSenseSettings()
+        settings = RealSenseSettings(
             parameter(self, "width", default.width, "Of the camera's images, px.", 320, 3840),
             parameter(self, "height", default.height, "Of the camera's images, px.", 240, 2160),
             parameter(self, "rate", default.rate, "Images a second.", 1, 90),

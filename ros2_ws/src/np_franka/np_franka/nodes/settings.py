@@ -26,7 +26,7 @@ CONTROLS = ("topic", "onboard")
 
 
 @dataclass(frozen=True)
-class Settings:
+class DriverSettings:
     """What the node needs besides its driver. realtime: enforce, or ignore for a simulated robot."""
 
     robot: str
@@ -38,7 +38,7 @@ class Settings:
     priority: int
 
 
-def declare(node: Node) -> tuple[Settings, Driver]:
+def declare(node: Node) -> tuple[DriverSettings, Driver]:
     """Declare and read the parameters; the driver they describe, not connected. ValueError, ArmError."""
     settings = _settings(node)
     robot = ROBOTS[settings.robot]
@@ -57,8 +57,8 @@ def declare(node: Node) -> tuple[Settings, Driver]:
     return settings, Driver(arm, robot.limits, checklist, onboard if settings.control == "onboard" else None)
 
 
-def _settings(node: Node) -> Settings:
-    return Settings(
+def _settings(node: Node) -> DriverSettings:
+    return DriverSettings(
         parameter(node, "robot", "fr3", "fr3, or panda for the original one.", choices=tuple(ROBOTS)),
         parameter(node, "hostname", "", "Address of the robot."),
         parameter(
@@ -105,7 +105,9 @@ def _gains(node: Node) -> tuple[np.ndarray, float]:
     return stiffness, ratio
 
 
-def _checklist(node: Node, settings: Settings, stiffness: np.ndarray, ratio: float, limits: SafetyLimits) -> Checklist:
+def _checklist(
+    node: Node, settings: DriverSettings, stiffness: np.ndarray, ratio: float, limits: SafetyLimits
+) -> Checklist:
     days = parameter(
         node, "calibration_max_age", MAX_AGE / timedelta(days=1), "Days that a calibration is good for.", 0.0, 3650.0
     )

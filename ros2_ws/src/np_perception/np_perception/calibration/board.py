@@ -68,7 +68,7 @@ class Board(BoardLayout):
         width, height = (round(side * pixels_per_metre) for side in self.size)
         return self._board.generateImage((width, height), marginSize=round(_MARGIN * pixels_per_metre), borderBits=1)
 
-    def detect(self, image: np.ndarray) -> Detection:
+    def detect(self, image: np.ndarray) -> BoardDetection:
         """The corners in an image (height, width, 3) uint8 RGB."""
         grey = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
         found = self._detect(grey)
@@ -82,10 +82,10 @@ class Board(BoardLayout):
         corners, ids, _, markers = found
         markers = np.zeros(0, int) if markers is None else markers.ravel()
         if corners is None or ids is None:
-            return Detection(np.zeros(0, int), np.zeros((0, 2)), markers)
+            return BoardDetection(np.zeros(0, int), np.zeros((0, 2)), markers)
         ids, pixels = ids.ravel(), corners.reshape(-1, 2).astype(float)
         inside = ids < len(self.corners)
-        return Detection(ids[inside], pixels[inside], markers)
+        return BoardDetection(ids[inside], pixels[inside], markers)
 
     def _detect(self, grey: np.ndarray):
         return self._detector.detectBoard(grey)
@@ -96,7 +96,7 @@ def _count(found) -> int:
 
 
 @dataclass(frozen=True)
-class Detection:
+class BoardDetection:
     """ids (n,): numbers of the corners found; pixels (n, 2); markers (m,): numbers of the markers found."""
 
     ids: np.ndarray

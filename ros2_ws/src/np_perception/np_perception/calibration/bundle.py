@@ -25,7 +25,7 @@ class DegenerateError(ValueError):
 
 
 @dataclass(frozen=True)
-class View:
+class BoardView:
     """One posture. position (3,) m, rotation (3, 3): the carrier of the board in the base frame (identity for
     the table); points (n, 3) m on the board; pixels (n, 2), undistorted."""
 
@@ -41,7 +41,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Touch:
+class TouchedPoint:
     """A fingertip at `position` (3,) m in the base frame on the board's `point` (3,) m, to within `sigma`
     m."""
 
@@ -51,7 +51,7 @@ class Touch:
 
 
 @dataclass(frozen=True)
-class Fit:
+class BundleFit:
     """position (3,) m, rotation (3, 3): the camera in the base frame; board_position, board_rotation: the
     board on its carrier; rms px of the median view; view_rms (n,) px; lens as fitted; used: numbers of the
     views that were not wrong; left_out: how many were; covariance (6, 6) of the camera, as
@@ -90,11 +90,11 @@ LENS = (*POSES, 12, 13, 14)
 SCALE = (*POSES, 15)
 
 
-def residuals(fit: Fit, views: Sequence[View]) -> np.ndarray:
+def residuals(fit: BundleFit, views: Sequence[BoardView]) -> np.ndarray:
     return linearise(fit, views)[0]
 
 
-def linearise(fit: Fit, views: Sequence[View]) -> tuple[np.ndarray, np.ndarray]:
+def linearise(fit: BundleFit, views: Sequence[BoardView]) -> tuple[np.ndarray, np.ndarray]:
     """Measured minus predicted pixels (n, 2), and the Jacobian (n, 2, 16) of the prediction."""
     counts = [len(view.points) for view in views]
     carrier = np.repeat([view.rotation for view in views], counts, axis=0)
@@ -130,7 +130,7 @@ def linearise(fit: Fit, views: Sequence[View]) -> tuple[np.ndarray, np.ndarray]:
     return residual, jacobian
 
 
-def _touch_rows(fit: Fit, touches: Sequence[Touch]) -> tuple[np.ndarray, np.ndarray]:
+def _touch_rows(fit: BundleFit, touches: Sequence[TouchedPoint]) -> tuple[np.ndarray, np.ndarray]:
     """The same for touches, in units of their sigma: (3 m,) and (3 m, 16)."""
     residual, rows = [], []
     for touch in touches:
@@ -146,7 +146,7 @@ def _touch_rows(fit: Fit, touches: Sequence[Touch]) -> tuple[np.ndarray, np.ndar
     )
 
 
-def refine(fit: Fit, views: Sequence[View], touches: Sequence[Touch], free=POSES) -> Fit:
+def refine(fit: BundleFit, views: Sequence[BoardView], touches: Sequence[TouchedPoint], free=POSES) -> BundleFit:
     """Gauss-Newton from `fit`; the corners' robust standard deviation scales them against the touches.
 
     That deviation is estimated again in each step, which scipy.optimize.least_squares does not do: called twice, with
@@ -164,20 +164,20 @@ def refine(fit: Fit, views: Sequence[View], touches: Sequence[Touch], free=POSES
         normal += 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(free))
         step = np.zeros(16)
         step[list(free)] = np.linalg.solve(normal, matrix.T @ (weights * np.concatenate([residual.ravel(), touched])))
-        fit = moved(fit, step)
+        fit = apply_step(fit, step)
         if np.abs(step[:12]).max() < _SMALL:
             break
-    return measured(fit, views)
+    return estimate_errors(fit, views)
 
 
-def measured(fit: Fit, views: Sequence[View]) -> Fit:
+def estimate_errors(fit: BundleFit, views: Sequence[BoardView]) -> BundleFit:
     """The fit with the errors that these views have with it."""
     squared = (residuals(fit, views) ** 2).sum(axis=1)
     by_view = np.sqrt([part.mean() for part in np.split(squared, np.cumsum([len(view.points) for view in views])[:-1])])
     return replace(fit, rms=float(np.median(by_view)), view_rms=by_view)
 
 
-def moved(fit: Fit, step: np.ndarray) -> Fit:
+def apply_step(fit: BundleFit, step: np.ndarray) -> BundleFit:
     factor = np.exp(np.clip(step[12], -0.5, 0.5))
     lens = replace(
         fit.lens,

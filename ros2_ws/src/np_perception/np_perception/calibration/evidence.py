@@ -12,8 +12,8 @@ from np_control.kinematics import forward_kinematics
 from np_description.calibration import Lens
 from np_description.message_arrays import BadMessage, camera_info_lens, image_array, joint_state_arrays
 from np_description.panda import STATE_NAMES
-from np_perception.calibration.board import Board, Detection, undistort
-from np_perception.calibration.bundle import View
+from np_perception.calibration.board import Board, BoardDetection, undistort
+from np_perception.calibration.bundle import BoardView
 from np_record.bag import Recording
 
 RESTING = 0.01  # rad/s, of every joint
@@ -23,12 +23,12 @@ SAME_POSTURE = 0.02  # rad, within which a rest goes on
 MAX_DISAGREEMENT = 0.5  # of the images of a rest may disagree with each other on a corner, px
 
 
-class CalibrationRefused(ValueError):
+class CalibrationRefusal(ValueError):
     """Recordings from which no camera can be calibrated; the message says what is missing."""
 
 
 @dataclass(frozen=True, eq=False)
-class Rest:
+class StillPosture:
     """A posture at which the arm stood still. begin, end: ns; joints (7,) rad, their mean."""
 
     begin: int
@@ -37,7 +37,7 @@ class Rest:
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class CalibrationData:
     """What a recording shows. lens: of its images; turn (3, 3): by which they had been turned; rests;
     detections with the rest, by number, at which each was made; images: how many were looked at; markers:
     numbers of all markers seen.
@@ -45,13 +45,13 @@ class Evidence:
 
     lens: Lens
     turn: np.ndarray
-    rests: list[Rest]
-    detections: list[tuple[int, Detection]]
+    rests: list[StillPosture]
+    detections: list[tuple[int, BoardDetection]]
     images: int
     markers: set[int]
 
 
-def find_rests(stamps: np.ndarray, positions: np.ndarray, velocities: np.ndarray) -> list[Rest]:
+def find_still_postures(stamps: np.ndarray, positions: np.ndarray, velocities: np.ndarray) -> list[StillPosture]:
     """When the arm stood still: stamps (n,) ns, positions (n, 7) rad, velocities (n, 7) rad/s."""
     still = (np.abs(velocities) < RESTING).all(axis=1)
     rests, begin = [], None
@@ -67,17 +67,17 @@ def find_rests(stamps: np.ndarray, positions: np.ndarray, velocities: np.ndarray
             since = stamps[begin] + round(REST_BEFORE * 1e9)
             if stamps[i - 1] - since >= SHORTEST * 1e9:
                 inside = slice(np.searchsorted(stamps, since), i)
-                rests.append(Rest(int(since), int(stamps[i - 1]), positions[inside].mean(axis=0)))
+                rests.append(StillPosture(int(since), int(stamps[i - 1]), positions[inside].mean(axis=0)))
             begin = i if i < len(stamps) and still[i] else None
     return rests
 
 
-def read_evidence(
+def read_calibration_data(
     path: str | Path, board: Board, progress: Callable[[int, int], None] = lambda done, total: None
-) -> Evidence:
+) -> CalibrationData:
     """Look for the board in the images that were taken while the arm rested.
 
-    Raises BagError for a recording that is broken or lacks a topic, CalibrationRefused for messages that mean
+    Raises BagError for a recording that is broken or lacks a topic, CalibrationRefusal for messages that mean
     nothing.
     """
     with Recording(path, required=("joint_states", "camera/image_raw", "camera/camera_info")) as recording:
@@ -88,12 +88,12 @@ def read_evidence(
             ]
             lenses = [camera_info_lens(message.decode()) for message in recording.messages("camera/camera_info")]
         except BadMessage as error:
-            raise CalibrationRefused(f"bag {path}: {error}") from error
+            raise CalibrationRefusal(f"bag {path}: {error}") from error
         lens, turn = lenses[0]
         if any(other != lens or not np.allclose(turned, turn) for other, turned in lenses):
-            raise CalibrationRefused(f"bag {path}: expected one camera_info, it changes during the recording")
+            raise CalibrationRefusal(f"bag {path}: expected one camera_info, it changes during the recording")
         stamps, positions, velocities = (np.array(column) for column in zip(*states))
-        rests = find_rests(stamps, positions[:, :7], velocities[:, :7])
+        rests = find_still_postures(stamps, positions[:, :7], velocities[:, :7])
         detections, markers, images = [], set(), 0
         for number, message in enumerate(recording.messages("camera/image_raw")):
             progress(number + 1, recording.counts["camera/image_raw"])
@@ -103,9 +103,9 @@ def read_evidence(
             try:
                 image = image_array(message.decode())
             except BadMessage as error:
-                raise CalibrationRefused(f"bag {path}: {error}") from error
+                raise CalibrationRefusal(f"bag {path}: {error}") from error
             if image.shape[:2] != (lens.height, lens.width):
-                raise CalibrationRefused(
+                raise CalibrationRefusal(
                     f"bag {path}: expected images of {lens.width} x {lens.height} as in camera_info, "
                     f"got {image.shape[1]} x {image.shape[0]}"
                 )
@@ -114,10 +114,10 @@ def read_evidence(
             markers.update(found.markers.tolist())
             if found.is_usable:
                 detections.append((at[0], found))
-    return Evidence(lens, turn, rests, detections, images, markers)
+    return CalibrationData(lens, turn, rests, detections, images, markers)
 
 
-def averaged(detections: Sequence[Detection], board: Board, lens: Lens) -> tuple[np.ndarray, np.ndarray]:
+def average_detections(detections: Sequence[BoardDetection], board: Board, lens: Lens) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 3) m and undistorted pixels (n, 2) of the corners that at least half of the images show,
     each its median.
 
@@ -133,7 +133,7 @@ def averaged(detections: Sequence[Detection], board: Board, lens: Lens) -> tuple
     return np.array(points).reshape(-1, 3), undistort(np.array(pixels).reshape(-1, 2), lens)
 
 
-def views_of(evidence: Evidence, board: Board, *, in_hand: bool) -> list[View]:
+def board_views(evidence: CalibrationData, board: Board, *, in_hand: bool) -> list[BoardView]:
     """One view for each posture at which the board was seen; the carrier of the board is the hand (T_E) or
     the table."""
     views = []
@@ -141,8 +141,8 @@ def views_of(evidence: Evidence, board: Board, *, in_hand: bool) -> list[View]:
         seen = [detection for i, detection in evidence.detections if i == number]
         if not seen:
             continue
-        points, pixels = averaged(seen, board, evidence.lens)
-        if Detection(np.arange(len(points)), pixels, np.zeros(0)).is_usable:
+        points, pixels = average_detections(seen, board, evidence.lens)
+        if BoardDetection(np.arange(len(points)), pixels, np.zeros(0)).is_usable:
             carrier = forward_kinematics(rest.joints) if in_hand else (np.zeros(3), np.eye(3))
-            views.append(View(*carrier, points, pixels))
+            views.append(BoardView(*carrier, points, pixels))
     return views

@@ -10,58 +10,58 @@ import numpy as np
 
 from np_common.rotations import cross, quaternion_from_matrix
 from np_control.kinematics import forward_kinematics
-from np_description.calibration import Calibration, Errors, Table, norm_bound
+from np_description.calibration import Calibration, CalibrationErrors, TablePlane, norm_bound
 from np_description.camera import CAMERA
 from np_description.domains import CARD
 from np_perception.calibration.board import Board, pose_in_camera
-from np_perception.calibration.bundle import BOARD, DegenerateError, Fit, Touch, linearise, refine
-from np_perception.calibration.evidence import REST_BEFORE, SHORTEST, CalibrationRefused, Evidence, views_of
-from np_perception.calibration.hand_eye import CORNER_SIGMA, Check, check, solve
+from np_perception.calibration.bundle import BOARD, BundleFit, DegenerateError, TouchedPoint, linearise, refine
+from np_perception.calibration.evidence import REST_BEFORE, SHORTEST, CalibrationData, CalibrationRefusal, board_views
+from np_perception.calibration.hand_eye import CORNER_SIGMA, ReferenceCheck, check, solve
 
 
 @dataclass(frozen=True)
-class Result:
+class CalibrationResult:
     """A calibration, what its views say of the lens and the board, and by view (px) how well they fit."""
 
     calibration: Calibration
-    fit: Fit
-    check: Check
+    fit: BundleFit
+    check: ReferenceCheck
 
 
 def calibrate(
-    evidence: Evidence,
+    evidence: CalibrationData,
     board: Board,
     made: datetime,
     *,
     touched: Sequence[int] = (),
-    table: Evidence | None = None,
+    table: CalibrationData | None = None,
     source: str = "",
     accept: bool = False,
-) -> Result:
+) -> CalibrationResult:
     """The camera, from a board in the hand, or from one on the table whose corners `touched` the fingertip
     stood on.
 
     touched: numbers of corners, one for each posture at which the arm rested, in that order. table: a
     recording of the board lying on the table, to see where that is. accept: keep a result that contradicts
-    the lens or the board's size. Raises CalibrationRefused.
+    the lens or the board's size. Raises CalibrationRefusal.
     """
     _require_board(evidence, board)
-    views = views_of(evidence, board, in_hand=not touched)
+    views = board_views(evidence, board, in_hand=not touched)
     try:
         touches = _touches(evidence, board, touched) if touched else []
         fit = solve(views, evidence.lens, touches)
         findings = check(fit, views, touches)
     except DegenerateError as error:
-        raise CalibrationRefused(
+        raise CalibrationRefusal(
             f"{error} ({len(evidence.rests)} postures at rest, the board seen in {len(views)})"
         ) from error
     complaints = findings.complaints()
     if complaints and not accept:
-        raise CalibrationRefused("; ".join(complaints) + ". --accept keeps the result all the same")
+        raise CalibrationRefusal("; ".join(complaints) + ". --accept keeps the result all the same")
     kept = [views[i] for i in fit.used]
     # The images had been turned by `turn`: the camera's own frame is what is kept.
     own = fit.rotation @ evidence.turn
-    errors = Errors(
+    errors = CalibrationErrors(
         fit.position_95,
         fit.rotation_95,
         keypoint_bound(fit.covariance, fit.dof),
@@ -70,7 +70,7 @@ def calibrate(
         sum(len(view.points) for view in kept),
     )
     found = find_table(table, board, fit) if table else None
-    return Result(
+    return CalibrationResult(
         Calibration(
             made,
             evidence.lens,
@@ -86,12 +86,12 @@ def calibrate(
     )
 
 
-def _require_board(evidence: Evidence, board: Board) -> None:
+def _require_board(evidence: CalibrationData, board: Board) -> None:
     if evidence.detections:
         return
     ours = board.columns * board.rows // 2
     if not evidence.rests:
-        raise CalibrationRefused(
+        raise CalibrationRefusal(
             f"expected the arm to rest for {REST_BEFORE + SHORTEST:g} s at every posture, it never did"
         )
     others = sorted(number for number in evidence.markers if number >= ours)
@@ -100,23 +100,23 @@ def _require_board(evidence: Evidence, board: Board) -> None:
         if others
         else f"{len(evidence.markers)} of its markers were seen in {evidence.images} images"
     )
-    raise CalibrationRefused(
+    raise CalibrationRefusal(
         f"expected a board of {board.columns} x {board.rows} squares with {ours} markers of"
         f" {board.dictionary}, it was not found: {seen}. Is it this board, sharp, well lit and large enough?"
     )
 
 
-def _touches(evidence: Evidence, board: Board, touched: Sequence[int]) -> list[Touch]:
+def _touches(evidence: CalibrationData, board: Board, touched: Sequence[int]) -> list[TouchedPoint]:
     if len(touched) != len(evidence.rests):
-        raise CalibrationRefused(
+        raise CalibrationRefusal(
             f"expected the arm to rest once on each of the {len(touched)} corners named, "
             f"it rested {len(evidence.rests)} times"
         )
     wrong = [corner for corner in touched if not 0 <= corner < len(board.corners)]
     if wrong:
-        raise CalibrationRefused(f"expected corners 0 .. {len(board.corners) - 1}, got {wrong}")
+        raise CalibrationRefusal(f"expected corners 0 .. {len(board.corners) - 1}, got {wrong}")
     return [
-        Touch(forward_kinematics(rest.joints)[0], board.corners[corner])
+        TouchedPoint(forward_kinematics(rest.joints)[0], board.corners[corner])
         for rest, corner in zip(evidence.rests, touched)
     ]
 
@@ -141,21 +141,21 @@ def keypoint_bound(covariance: np.ndarray, dof: float) -> float:
     return worst
 
 
-def find_table(evidence: Evidence, board: Board, fit: Fit) -> Table:
-    """The table, from a board that lies on it. Raises CalibrationRefused if it is not seen, or was moved
+def find_table(evidence: CalibrationData, board: Board, fit: BundleFit) -> TablePlane:
+    """The table, from a board that lies on it. Raises CalibrationRefusal if it is not seen, or was moved
     meanwhile."""
     _require_board(evidence, board)
     if not np.allclose(evidence.turn, np.eye(3)) or evidence.lens != fit.lens:
-        raise CalibrationRefused(
+        raise CalibrationRefusal(
             "table: expected images of the same camera as in the first recording, camera_info differs"
         )
-    views = views_of(evidence, board, in_hand=False)
+    views = board_views(evidence, board, in_hand=False)
     lying = [pose_in_camera(view.points, view.pixels, fit.lens) for view in views]
     middles = np.array(
         [fit.rotation @ (turned @ board.corners.mean(axis=0) + at) + fit.position for at, turned in lying]
     )
     if np.ptp(middles, axis=0).max() > 0.01:
-        raise CalibrationRefused(
+        raise CalibrationRefusal(
             "table: expected a board that stays where it lies, it moved by "
             f"{1e3 * np.ptp(middles, axis=0).max():.0f} mm"
         )
@@ -171,7 +171,7 @@ def find_table(evidence: Evidence, board: Board, fit: Fit) -> Table:
     tilt_95 = norm_bound(fit.covariance[3:5, 3:5] + of_board[3:5, 3:5], fit.dof)
     normal = -seen.board_rotation[:, 2]  # the board's z goes into the paper
     x, y, height = seen.board_position.tolist()
-    return Table(
+    return TablePlane(
         height,
         (float(np.arctan2(-normal[1], normal[2])), float(np.arctan2(normal[0], normal[2]))),
         (x, y),

@@ -24,12 +24,12 @@ from np_perception.calibration.bundle import (
     LENS,
     POSES,
     SCALE,
+    BoardView,
+    BundleFit,
     DegenerateError,
-    Fit,
-    Touch,
-    View,
+    TouchedPoint,
+    estimate_errors,
     linearise,
-    measured,
     refine,
     residuals,
 )
@@ -48,7 +48,7 @@ _HYPOTHESES = 60
 
 
 @dataclass(frozen=True)
-class Check:
+class ReferenceCheck:
     """What the same views say of what was taken as known.
 
     focal: factor on the focal length; centre (2,) px: shift of the principal point, both fitted together;
@@ -79,7 +79,7 @@ class Check:
         return found
 
 
-def solve(views: Sequence[View], lens: Lens, touches: Sequence[Touch] = ()) -> Fit:
+def solve(views: Sequence[BoardView], lens: Lens, touches: Sequence[TouchedPoint] = ()) -> BundleFit:
     """The camera from views of a board in the hand, or, with touches, on the table.
 
     Raises DegenerateError for too few views, too little movement, or views that no camera explains.
@@ -87,10 +87,10 @@ def solve(views: Sequence[View], lens: Lens, touches: Sequence[Touch] = ()) -> F
     views, touches = list(views), list(touches)
     (_require_touches if touches else _require_views)(views, touches)
     start = _start_from_touches(views, lens, touches) if touches else _start(views, lens)
-    fit, right = measured(start, views), np.arange(len(views))
+    fit, right = estimate_errors(start, views), np.arange(len(views))
     for _ in range(3):  # wrong views must not pull at the fit by which they are found wrong
         right = np.flatnonzero(fit.view_rms <= max(_WRONG_VIEW * np.median(fit.view_rms), 0.5))
-        fit = measured(refine(fit, [views[i] for i in right], touches), views)
+        fit = estimate_errors(refine(fit, [views[i] for i in right], touches), views)
     if len(right) < max(len(views) * 2 / 3, 1 if touches else MIN_VIEWS) or fit.rms > MAX_RMS:
         raise DegenerateError(
             f"expected views that one camera explains within {MAX_RMS:g} px, errors by view are "
@@ -110,15 +110,15 @@ def solve(views: Sequence[View], lens: Lens, touches: Sequence[Touch] = ()) -> F
     return fit
 
 
-def check(fit: Fit, views: Sequence[View], touches: Sequence[Touch] = ()) -> Check:
+def check(fit: BundleFit, views: Sequence[BoardView], touches: Sequence[TouchedPoint] = ()) -> ReferenceCheck:
     """Fit the lens, then the board's size too, with intervals from leaving out one piece of evidence at a
     time."""
     kept = [views[i] for i in fit.used]
 
-    def lens_values(other: Fit) -> np.ndarray:
+    def lens_values(other: BundleFit) -> np.ndarray:
         return np.array([other.lens.fx / fit.lens.fx, other.lens.cx - fit.lens.cx, other.lens.cy - fit.lens.cy])
 
-    def scale_value(other: Fit) -> np.ndarray:
+    def scale_value(other: BundleFit) -> np.ndarray:
         return np.array([other.scale])
 
     results = []
@@ -130,13 +130,13 @@ def check(fit: Fit, views: Sequence[View], touches: Sequence[Touch] = ()) -> Che
     scale, scale_95 = results[-1]
     # A board that lies still is one view: it tells nothing of the lens.
     lens, lens_95 = results[0] if not touches else (np.array([1.0, 0.0, 0.0]), np.full(3, np.inf))
-    return Check(lens[0], lens_95[0], lens[1:], lens_95[1:], scale[0], scale_95[0])
+    return ReferenceCheck(lens[0], lens_95[0], lens[1:], lens_95[1:], scale[0], scale_95[0])
 
 
 # Conditions
 
 
-def _require_views(views: list[View], _touches: list[Touch]) -> None:
+def _require_views(views: list[BoardView], _touches: list[TouchedPoint]) -> None:
     if len(views) < MIN_VIEWS:
         raise DegenerateError(f"expected at least {MIN_VIEWS} views, got {len(views)}")
     turns = np.array([vector_from_matrix(views[0].rotation.T @ view.rotation) for view in views])
@@ -149,7 +149,7 @@ def _require_views(views: list[View], _touches: list[Touch]) -> None:
         )
 
 
-def _require_touches(views: list[View], touches: list[Touch]) -> None:
+def _require_touches(views: list[BoardView], touches: list[TouchedPoint]) -> None:
     if not views:
         raise DegenerateError("expected at least one view of the board on the table, got none")
     points = np.array([touch.point for touch in touches])
@@ -164,7 +164,7 @@ def _require_touches(views: list[View], touches: list[Touch]) -> None:
         raise DegenerateError("touch: expected finite positions")
 
 
-def _hint(fit: Fit, views: list[View], touches: list[Touch]) -> str:
+def _hint(fit: BundleFit, views: list[BoardView], touches: list[TouchedPoint]) -> str:
     """What would explain the views, if something simple does."""
     if touches:
         return ""
@@ -207,7 +207,7 @@ def _between(a, b):
     return a[1].T @ (b[0] - a[0]), a[1].T @ b[1]
 
 
-def _start(views: list[View], lens: Lens) -> Fit:
+def _start(views: list[BoardView], lens: Lens) -> BundleFit:
     boards = [pose_in_camera(view.points, view.pixels, lens) for view in views]
     carriers = [(view.position, view.rotation) for view in views]
     rng, best = np.random.default_rng(0), None
@@ -217,7 +217,7 @@ def _start(views: list[View], lens: Lens) -> Fit:
         i = chosen[0]
         turn = carriers[i][1] @ rotation @ boards[i][1].T
         camera = carriers[i][1] @ position + carriers[i][0] - turn @ boards[i][0]
-        fit = Fit(camera, turn, position, rotation, lens)
+        fit = BundleFit(camera, turn, position, rotation, lens)
         error = np.median([np.sqrt((residuals(fit, [view]) ** 2).sum(axis=1)).mean() for view in views])
         if np.isfinite(error) and (best is None or error < best[0]):
             best = error, fit
@@ -226,20 +226,20 @@ def _start(views: list[View], lens: Lens) -> Fit:
     return best[1]
 
 
-def _start_from_touches(views: list[View], lens: Lens, touches: list[Touch]) -> Fit:
+def _start_from_touches(views: list[BoardView], lens: Lens, touches: list[TouchedPoint]) -> BundleFit:
     there, here = np.array([t.position for t in touches]), np.array([t.point for t in touches])
     u, _, vt = np.linalg.svd((there - there.mean(axis=0)).T @ (here - here.mean(axis=0)))
     rotation = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt  # Kabsch (1976)
     position = there.mean(axis=0) - rotation @ here.mean(axis=0)
     at, turned = pose_in_camera(views[0].points, views[0].pixels, lens)
     turn = rotation @ turned.T
-    return Fit(position - turn @ at, turn, position, rotation, lens)
+    return BundleFit(position - turn @ at, turn, position, rotation, lens)
 
 
 # Uncertainty
 
 
-def _left_out(fit: Fit, views, touches, value, free=POSES) -> np.ndarray:
+def _left_out(fit: BundleFit, views, touches, value, free=POSES) -> np.ndarray:
     """`value` of the fit without each piece of evidence: a view of a moving board, or a touch; (n, ...)."""
     if touches:  # the views of a board that lies still are one
         return np.array(
@@ -255,7 +255,7 @@ def _jackknife_covariance(values: np.ndarray) -> np.ndarray:
     return (len(values) - 1) / len(values) * difference.T @ difference
 
 
-def _jackknife(fit: Fit, views, touches) -> tuple[np.ndarray, float]:
+def _jackknife(fit: BundleFit, views, touches) -> tuple[np.ndarray, float]:
     values = _left_out(
         fit,
         views,

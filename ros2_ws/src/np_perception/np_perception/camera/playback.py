@@ -1,4 +1,4 @@
-"""Images from a bag or a folder in a camera's place: a np_perception.camera.source.Source."""
+"""Images from a bag or a folder in a camera's place: a np_perception.camera.source.CameraSource."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import yaml
 from np_description.calibration import Lens
 from np_description.camera import CAMERA
 from np_description.message_arrays import BadMessage, camera_info_lens, image_array
-from np_perception.camera.source import CameraError, EndOfImages, Frame
+from np_perception.camera.source import CameraError, CameraFrame, EndOfImages
 from np_record.bag import BagError, Recording
 
 LENS_FILE = "camera.yaml"
@@ -39,11 +39,11 @@ class BagImages:
     def __len__(self) -> int:
         return self._count
 
-    def __iter__(self) -> Iterator[Frame]:
+    def __iter__(self) -> Iterator[CameraFrame]:
         try:
             with Recording(self._path, required=("camera/image_raw",)) as recording:
                 for message in recording.messages("camera/image_raw"):
-                    yield Frame(message.stamp, image_array(message.decode()))
+                    yield CameraFrame(message.stamp, image_array(message.decode()))
         except (BagError, BadMessage) as error:
             raise CameraError(str(error)) from error
 
@@ -86,9 +86,9 @@ class FolderImages:
     def __len__(self) -> int:
         return len(self._files)
 
-    def __iter__(self) -> Iterator[Frame]:
+    def __iter__(self) -> Iterator[CameraFrame]:
         for stamp, file in zip(self._stamps, self._files):
-            yield Frame(stamp, self._read(file))
+            yield CameraFrame(stamp, self._read(file))
 
     @staticmethod
     def _read(file: Path) -> np.ndarray:
@@ -131,10 +131,10 @@ class Playback:
         self.period = self._images.longest_gap / rate
         self.values: dict[str, object] = {"source": str(path), "images there": len(self._images)}
         self._frames = iter(self._images)
-        self._next: Frame | None = None
+        self._next: CameraFrame | None = None
         self._began: tuple[int, int, int] | None = None  # stamp of the first image; when it was played, two clocks
 
-    def read(self, timeout: float) -> Frame | None:
+    def read(self, timeout: float) -> CameraFrame | None:
         """See Source."""
         frame = self._next = self._next or self._take()
         if self._began is None:
@@ -146,9 +146,9 @@ class Playback:
         if wait > timeout:
             return None
         self._next = None
-        return Frame(host + since, frame.pixels) if self._now else frame
+        return CameraFrame(host + since, frame.pixels) if self._now else frame
 
-    def _take(self) -> Frame:
+    def _take(self) -> CameraFrame:
         frame = next(self._frames, None)
         if frame is None and self._repeat:
             self._frames, self._began = iter(self._images), None

@@ -20,14 +20,14 @@ class EndOfImages(Exception):
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class CameraFrame:
     """stamp: ns on the host's clock when it was taken; pixels (height, width, 3) uint8 RGB."""
 
     stamp: int
     pixels: np.ndarray
 
 
-class Source(Protocol):
+class CameraSource(Protocol):
     """A camera that has been opened. `lens`: of its images; `turn` (3, 3): from the camera's own optical
     frame to that of its images, where something upstream has turned them already; `period`: s between images;
     `values`: for diagnostics.
@@ -38,7 +38,7 @@ class Source(Protocol):
     period: float
     values: dict[str, object]
 
-    def read(self, timeout: float) -> Frame | None:
+    def read(self, timeout: float) -> CameraFrame | None:
         """The next image, or None if none came within `timeout` s. Raises CameraError, EndOfImages."""
 
     def close(self) -> None:

@@ -18,7 +18,7 @@ from np_perception.calibration.board_layout import BoardLayout
 
 if TYPE_CHECKING:  # what is slow to import comes after the options are read
     from np_perception.calibration.board import Board
-    from np_perception.calibration.fitting import Result
+    from np_perception.calibration.fitting import CalibrationResult
 
 
 def add_board(parser: argparse.ArgumentParser) -> None:
@@ -61,7 +61,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def summary(result: Result, out: Path) -> dict[str, object]:
+def summary(result: CalibrationResult, out: Path) -> dict[str, object]:
     """What the command prints, in mm, degrees and px."""
     calibration, fit, check = result.calibration, result.fit, result.check
     distance, angle = calibration.displacement
@@ -110,7 +110,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object. Status 1: refused, and no file is written."""
     options = parse(arguments)
     from np_perception.calibration.board import BoardError
-    from np_perception.calibration.evidence import CalibrationRefused, read_evidence
+    from np_perception.calibration.evidence import CalibrationRefusal, read_calibration_data
     from np_perception.calibration.fitting import calibrate
     from np_record.bag import BagError
 
@@ -120,7 +120,7 @@ def main(arguments: list[str] | None = None) -> int:
         evidence = []
         for path in (options.bag, options.table):
             if path is not None:
-                evidence.append(read_evidence(path, board, _bar(f"reading {path}")))
+                evidence.append(read_calibration_data(path, board, _bar(f"reading {path}")))
         result = calibrate(
             evidence[0],
             board,
@@ -131,7 +131,7 @@ def main(arguments: list[str] | None = None) -> int:
             accept=options.accept,
         )
         result.calibration.save(options.out)
-    except (BagError, BoardError, CalibrationRefused, OSError, ValueError) as error:
+    except (BagError, BoardError, CalibrationRefusal, OSError, ValueError) as error:
         print(f"calibrate: {error}", file=sys.stderr)
         print(json.dumps({"error": str(error)}))
         return 1

@@ -19,7 +19,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from np_description.calibration import CalibrationError, load
 from np_description.scene import CAMERA_NAME
 from np_perception.camera.rectify import VIEWS, Rectifier, view_camera
-from np_perception.camera.source import CameraError, EndOfImages, Source
+from np_perception.camera.source import CameraError, CameraSource, EndOfImages
 from np_ros import qos
 from np_ros.messages import camera_info_message, image_message
 from np_ros.node import Diagnostics, parameter
@@ -77,11 +77,11 @@ class CameraNode(Node):
         self._image = self.create_publisher(Image, "camera/image_raw", stream)
         self._status = (DiagnosticStatus.OK, "starting")
         self._images = self._losses = 0
-        self._source: Source | None = None
+        self._source: CameraSource | None = None
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
 
-    def begin(self, open_source: Callable[[], Source], subscribers: int = 0, retry: bool = True) -> None:
+    def begin(self, open_source: Callable[[], CameraSource], subscribers: int = 0, retry: bool = True) -> None:
         """Open the source and start to publish, as soon as there are that many subscribers to the images.
 
         Raises CameraError or CalibrationError if it cannot be opened now; with `retry` one that goes later is

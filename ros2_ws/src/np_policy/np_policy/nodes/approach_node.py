@@ -15,9 +15,9 @@ from np_description.domains import Pose
 from np_description.message_arrays import BadMessage, pose_arrays, stamp_nanoseconds
 from np_description.panda import BASE_FRAME, FINGER_MAX, JOINT_NAMES
 from np_perception.pose_estimation import PoseError, estimate_pose
-from np_planning.approach import Approach, ApproachConfig, plan_approach
+from np_planning.approach import ApproachConfig, ApproachPlan, plan_approach
 from np_planning.collision import CollisionModel
-from np_planning.rrt import Budget, PlanningError
+from np_planning.rrt import PlanningBudget, PlanningError
 from np_policy.nodes.common import StateStream, declare_settings, subscribe_keypoints
 from np_ros import qos
 from np_ros.messages import trajectory_message
@@ -51,7 +51,7 @@ class ApproachNode(Node):
             acceleration=parameter(
                 self, "acceleration", defaults.acceleration, "Share of the acceleration limits.", 0.01, 0.7
             ),
-            budget=Budget(first, improve, None if self._settings.lockstep else seconds),
+            budget=PlanningBudget(first, improve, None if self._settings.lockstep else seconds),
         )
         self._collision = CollisionModel(self._settings.domain, clearance=clearance)
         self.diagnostics = Diagnostics(self)
@@ -129,7 +129,7 @@ class ApproachNode(Node):
         else:
             self._publish_plan(stamp, plan, time.monotonic() - began)
 
-    def _publish_plan(self, stamp: int, plan: Approach, seconds: float) -> None:
+    def _publish_plan(self, stamp: int, plan: ApproachPlan, seconds: float) -> None:
         motion = plan.trajectory
         message = trajectory_message(stamp, JOINT_NAMES, motion.times, motion.positions, motion.velocities)
         message.header.frame_id = BASE_FRAME
@@ -138,7 +138,7 @@ class ApproachNode(Node):
             planning_time=round(seconds, 3),
             duration=round(motion.duration, 3),
             lift=round(plan.lift, 4),
-            drawn_out=round(plan.drawn_out, 4),
+            drawn_out=round(plan.penetration_retreat, 4),
         )
         self.diagnostics.report(DiagnosticStatus.OK, "planned")
 

@@ -24,8 +24,8 @@ from np_description.message_arrays import (
 from np_description.panda import STATE_NAMES
 from np_policy import action
 from np_ros import qos
-from np_ros.low_latency.newest import Newest
-from np_ros.low_latency.raw import decoded
+from np_ros.low_latency.latest_message import LatestMessage
+from np_ros.low_latency.raw import decode_raw
 from np_ros.node import Diagnostics, parameter
 from np_ros.task_domain import declare_domain
 
@@ -33,7 +33,7 @@ OLDEST_STATE = 200_000_000  # ns before the image; the clocks of a robot and a c
 
 
 @dataclass(frozen=True)
-class Settings:
+class PolicySettings:
     """Parameters of every node here; policy_period ns; camera: the one that the keypoints are seen by."""
 
     domain: Domain
@@ -52,7 +52,7 @@ class Settings:
         return not self.lockstep or stamp % self.policy_period == 0
 
 
-def declare_settings(node: Node) -> Settings:
+def declare_settings(node: Node) -> PolicySettings:
     """Declare and read the parameters that every node of this package has. Raises CalibrationError for a bad file, ValueError
     for an object that is none of the domain's."""
     domain = declare_domain(node)
@@ -64,7 +64,7 @@ def declare_settings(node: Node) -> Settings:
     calibration = parameter(
         node, "calibration", "", "File written by `calibrate`: where the camera is; empty: as trained."
     )
-    return Settings(domain, mode == "lockstep", NANOSECONDS // rate, score, calibrated_camera(calibration))
+    return PolicySettings(domain, mode == "lockstep", NANOSECONDS // rate, score, calibrated_camera(calibration))
 
 
 def declare_weights(node: Node) -> str:
@@ -132,11 +132,13 @@ class StateStream:
     `stamp` is that of the state that `has` last asked for.
     """
 
-    def __init__(self, node: Node, diagnostics: Diagnostics, settings: Settings, callback: Callable[[], None]) -> None:
+    def __init__(
+        self, node: Node, diagnostics: Diagnostics, settings: PolicySettings, callback: Callable[[], None]
+    ) -> None:
         self._node, self._diagnostics, self._settings, self._callback = node, diagnostics, settings, callback
         self._raw: bytes | None = None
         self.stamp = -1
-        self._newest = None if settings.lockstep else Newest(node, JointState, "joint_states")
+        self._newest = None if settings.lockstep else LatestMessage(node, JointState, "joint_states")
         if settings.lockstep:
             node.create_subscription(JointState, "joint_states", self._receive, qos.LOCKSTEP, raw=True)
 
@@ -150,12 +152,12 @@ class StateStream:
 
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities (9,) of joints and fingers: rad, m and per s. Raises BadMessage."""
-        message = decoded(self._raw, JointState)
+        message = decode_raw(self._raw, JointState)
         return joint_state_arrays(message, STATE_NAMES)[:2]
 
     def _receive(self, raw: bytes) -> None:
         try:
-            time = decoded(raw, Header).stamp  # with which the message begins; what follows is left unread
+            time = decode_raw(raw, Header).stamp  # with which the message begins; what follows is left unread
         except BadMessage as error:
             return self._diagnostics.refuse(error.kind, error)
         stamp = time.sec * NANOSECONDS + time.nanosec

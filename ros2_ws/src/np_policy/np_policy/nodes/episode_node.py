@@ -21,7 +21,7 @@ from np_description.message_arrays import BadMessage, pose_arrays, stamp_nanosec
 from np_description.panda import BASE_FRAME, JOINT_NAMES
 from np_description.phases import ACTIVE, SUCCEEDED, PhaseState
 from np_description.scene import CAMERA_NAME
-from np_policy.episode import Episode, EpisodeConfig, Event, Goal, Refused, Tick
+from np_policy.episode import Episode, EpisodeConfig, Event, Goal, InputRefusal, Tick
 from np_policy.nodes.common import StateStream, declare_settings, subscribe_keypoints
 from np_ros import qos
 from np_ros.goals import GOAL, REFUSED, goal_text
@@ -114,7 +114,7 @@ class EpisodeNode(Node):
             events = self._episode.goal(stamp_nanoseconds(message.header.stamp), pose, info["source_timestamp"])
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
-        except Refused as error:
+        except InputRefusal as error:
             return self.diagnostics.refuse("order", error)
         except ValueError as error:
             self.diagnostics.refuse("range", error)
@@ -147,7 +147,7 @@ class EpisodeNode(Node):
             events = read()
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
-        except Refused as error:
+        except InputRefusal as error:
             return self.diagnostics.refuse("order", error)
         self._publish(events)
 
@@ -177,7 +177,7 @@ class EpisodeNode(Node):
         try:
             self._publish(action())
             response.success, response.message = True, self._episode.phase
-        except Refused as error:
+        except InputRefusal as error:
             response.success, response.message = False, str(error)
         return response
 

@@ -39,9 +39,9 @@ class PostContactNode(Node):
         super().__init__("post_contact")
         self._settings = declare_settings(self)
         folder = declare_weights(self)
-        peek_after = parameter(
+        reobserve_after = parameter(
             self,
-            "peek_after",
+            "reobserve_after",
             5,
             "Ticks in a row without 6 usable keypoints after which the hand is drawn up, out of the camera's way; 0: never.",
             0,
@@ -50,16 +50,16 @@ class PostContactNode(Node):
         file = weights_file(POST_CONTACT, self._settings.domain, folder)
         import torch  # slow, and only where there are weights: no --help should wait for it
 
-        from np_policy.policy import PostContactController
+        from np_policy.policy import PostContactPolicy
 
         torch.set_num_threads(1)
-        self._policy = PostContactController(
+        self._policy = PostContactPolicy(
             file,
             self._settings.domain,
             min_score=self._settings.min_score,
             camera=self._settings.camera,
             policy_rate=self._settings.policy_rate,
-            peek_after=peek_after,
+            reobserve_after=reobserve_after,
         )
         self.diagnostics = Diagnostics(self)
         report_weights(self, self.diagnostics, self._policy.warnings)

@@ -13,12 +13,12 @@ from std_msgs.msg import Float64
 from np_description.message_arrays import BadMessage
 from np_description.panda import BASE_FRAME
 from np_description.phases import PRE
-from np_perception.pose_estimation import are_enough
+from np_perception.pose_estimation import has_enough_keypoints
 from np_policy.action import PolicyError
 from np_policy.contract import PRE_CONTACT, weights_file
 from np_policy.nodes.common import GoalStream, declare_settings, declare_weights, report_weights, subscribe_keypoints
 from np_ros import qos
-from np_ros.client.links import are_all
+from np_ros.client.connection_status import has_all_subscribers
 from np_ros.messages import pose_message
 from np_ros.node import Diagnostics, run
 from np_ros.phases import phase_state
@@ -37,10 +37,10 @@ class PreContactNode(Node):
         file = weights_file(PRE_CONTACT, self._settings.domain, folder)
         import torch  # slow, and only where there are weights: no --help should wait for it
 
-        from np_policy.policy import PreContactPlanner
+        from np_policy.policy import PreContactPolicy
 
         torch.set_num_threads(1)
-        self._planner = PreContactPlanner(
+        self._planner = PreContactPolicy(
             file,
             self._settings.domain,
             min_score=self._settings.min_score,
@@ -84,7 +84,7 @@ class PreContactNode(Node):
         self._keypoints, self._answer, self._answered = None, None, -1
 
     def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
-        good = are_enough(keypoints, self._settings.min_score)
+        good = has_enough_keypoints(keypoints, self._settings.min_score)
         if not self._settings.is_policy_tick(stamp):
             return
         if self._in_phase and self._settings.lockstep and self._answer and self._answer[0] == stamp:
@@ -120,7 +120,7 @@ class PreContactNode(Node):
     def _is_heard(self) -> bool:
         """Whether everybody that listens would get what is published now: it is not sent twice without being asked."""
         found = {each.topic_name: each.get_subscription_count() for each in (self._gripper, self._pose)}
-        return all(count > 0 and are_all(self, topic, count) for topic, count in found.items())
+        return all(count > 0 and has_all_subscribers(self, topic, count) for topic, count in found.items())
 
 
 def main(args: list[str] | None = None) -> int:

@@ -17,11 +17,11 @@ def replay(bag: Path, weights: str, logs: Path) -> dict[str, object]:
     """Counts by topic and the first difference. Raises BagError, NodeDied, TimeoutError, LookupError."""
     from np_record.bag import Recording  # slow, as are the others
     from np_record.nodes.player_node import Player
-    from np_record.replay import REQUIRED, Script
+    from np_record.replay import REQUIRED, ReplayScript
 
     began = time.monotonic()
     with Recording(bag, REQUIRED) as recording:
-        script = Script(recording, weights)
+        script = ReplayScript(recording, weights)
         with Supervisor(logs) as supervisor:
             supervisor.start(script.specs)
             with Player(supervisor, script) as player:

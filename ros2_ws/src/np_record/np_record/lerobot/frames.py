@@ -8,7 +8,7 @@ import numpy as np
 
 from np_description.domains import Domain, Pose
 from np_description.message_arrays import gains_array, image_array, keypoints_array, pose_arrays
-from np_description.objects.choice import recorded_domain
+from np_description.objects.choice import read_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.phases import ACTIVE, PRE, SUCCEEDED, first_end
 from np_record.bag import BagError, Message, Recording
@@ -49,7 +49,7 @@ NAMES: dict[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
+class EpisodeFrames:
     """One episode of n frames.
 
     columns: by feature (n, numbers); images (n, height, width, 3) uint8, or none (0, ...) where no camera was recorded.
@@ -69,7 +69,7 @@ class Frames:
         return TASKS[self.domain.name]
 
 
-def episode_frames(recording: Recording) -> Frames:
+def episode_frames(recording: Recording) -> EpisodeFrames:
     """The first episode of a recording. Raises BagError where a frame lacks something.
 
     A frame has the newest message of each topic whose stamp is not after its own. `action` and `command.effort` are the
@@ -124,7 +124,7 @@ def episode_frames(recording: Recording) -> Frames:
         PHASE: np.array([[ACTIVE.index(said)] for said in _phases(changes, times)]),
         DONE: (np.arange(len(times)) == len(times) - 1)[:, None],
     }
-    domain = recorded_domain(recording.information)
+    domain = read_domain(recording.information)
     success = end is not None and end.phase == SUCCEEDED
     if len(poses["object_pose"][0]):
         columns[OBJECT] = newest("object_pose", *poses["object_pose"], times + _ROUNDING)
@@ -132,7 +132,7 @@ def episode_frames(recording: Recording) -> Frames:
         goal = columns[GOAL][-1]
         success = score(domain, [], Pose(place[:3], place[3:]), Pose(goal[:3], goal[3:]), 0.0).success
     columns[SUCCESS] = columns[DONE] & success
-    return Frames(domain, success, columns, _images(recording, times))
+    return EpisodeFrames(domain, success, columns, _images(recording, times))
 
 
 def _table(messages: list[Message], read, width: int) -> tuple[np.ndarray, np.ndarray]:

@@ -23,7 +23,7 @@ class Clip:
 
 
 @dataclass(frozen=True)
-class Episode:
+class DataSetEpisode:
     """Rows begin to end (exclusive) of the columns, what was to be done, and where its pictures are, by feature."""
 
     tasks: tuple[str, ...]
@@ -47,7 +47,7 @@ class DataSet:
 
     information: dict
     tasks: tuple[str, ...]
-    episodes: tuple[Episode, ...]
+    episodes: tuple[DataSetEpisode, ...]
     columns: Mapping[str, np.ndarray]
     statistics: Mapping[str, Mapping[str, np.ndarray]]
 
@@ -123,14 +123,14 @@ def _about(root: Path) -> list[dict]:
     return sorted(rows, key=lambda row: row["episode_index"])
 
 
-def _episode(root: Path, information: dict, row: dict) -> Episode:
+def _episode(root: Path, information: dict, row: dict) -> DataSetEpisode:
     videos = [name for name, feature in information["features"].items() if feature["dtype"] == "video"]
     clips = {}
     for name in videos:
         place = {key: row[f"videos/{name}/{key}"] for key in layout.FIRST}
         path = root / information["video_path"].format(video_key=name, **place)
         clips[name] = Clip(path, float(row[f"videos/{name}/from_timestamp"]))
-    return Episode(tuple(row["tasks"]), int(row["dataset_from_index"]), int(row["dataset_to_index"]), clips)
+    return DataSetEpisode(tuple(row["tasks"]), int(row["dataset_from_index"]), int(row["dataset_to_index"]), clips)
 
 
 def _columns(root: Path, information: dict, about: list[dict]) -> dict[str, np.ndarray]:

@@ -13,13 +13,13 @@ def statistics(values: np.ndarray) -> dict[str, list]:
     return _summary(values.astype(float), len(values))
 
 
-def thinned(images: np.ndarray) -> np.ndarray:
+def sample_pixels(images: np.ndarray) -> np.ndarray:
     """What counts of images (n, height, width, 3): some of their pixels."""
     return images[:, ::_STEP, ::_STEP].copy()
 
 
 def image_statistics(pixels: np.ndarray) -> dict[str, list]:
-    """Of `thinned` images uint8, as shares of full brightness: by colour, nested as (3, 1, 1)."""
+    """Of `sample_pixels` images uint8, as shares of full brightness: by colour, nested as (3, 1, 1)."""
     summary = _summary(pixels.reshape(-1, 3) / 255.0, len(pixels))
     return {name: value if name == "count" else [[[v]] for v in value] for name, value in summary.items()}
 

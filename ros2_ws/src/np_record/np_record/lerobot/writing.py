@@ -12,9 +12,9 @@ import numpy as np
 from np_description.camera import CAMERA
 from np_record.bag import BagError, Recording
 from np_record.lerobot import layout
-from np_record.lerobot.frames import NAMES, RATE, Frames, episode_frames
+from np_record.lerobot.frames import NAMES, RATE, EpisodeFrames, episode_frames
 from np_record.lerobot.layout import CAMERA_IMAGE, DataSetError, parquet
-from np_record.lerobot.statistics import image_statistics, statistics, thinned
+from np_record.lerobot.statistics import image_statistics, sample_pixels, statistics
 from np_record.report.video import encode
 
 ROBOT = "franka_panda"
@@ -70,7 +70,7 @@ class _Episodes:
                 yield image
             show(number + 1)
 
-    def _add(self, frames: Frames, bag: str) -> None:
+    def _add(self, frames: EpisodeFrames, bag: str) -> None:
         if len(frames.images) and frames.images.shape[1:] != _SHAPE:
             raise DataSetError(f"bag {bag}: expected images of shape {_SHAPE}, got {frames.images.shape[1:]}")
         if self._columns:
@@ -92,7 +92,7 @@ class _Episodes:
             "task_index": np.full(count, self._tasks.index(frames.task)),
         }
         columns = {name: values.reshape(count, -1) for name, values in columns.items()}
-        pixels = thinned(frames.images) if len(frames.images) else frames.images
+        pixels = sample_pixels(frames.images) if len(frames.images) else frames.images
         begin, self._frames = self._frames, self._frames + count
         self._columns.append(columns)
         self._pixels.append(pixels)

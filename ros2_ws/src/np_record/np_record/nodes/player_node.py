@@ -7,25 +7,25 @@ from collections import deque
 from np_record.bag import Message
 from np_record.cdr import padding_filter
 from np_record.nodes.recorder_node import message_class
-from np_record.replay import Comparison, Script, Step
+from np_record.replay import ReplayComparison, ReplayScript, ReplayStep
 from np_record.topics import BY_NAME
 from np_ros import qos
-from np_ros.client.participant import Participant
+from np_ros.client.supervised_client import SupervisedGraphClient
 from np_ros.processes.supervisor import Supervisor
 
 _EVENTS = ("gripper_command", "pre_contact_pose", "joint_trajectory", "approach/refusal")
 
 
-class Player(Participant):
+class Player(SupervisedGraphClient):
     """Plays a script to the nodes of a supervisor and compares what they answer.
 
     patience: s of wall time in which an answer must come.
     """
 
-    def __init__(self, supervisor: Supervisor, script: Script, patience: float = 60.0):
+    def __init__(self, supervisor: Supervisor, script: ReplayScript, patience: float = 60.0):
         super().__init__(supervisor, "player")
         self._patience = patience
-        self.comparison = Comparison(script.live)
+        self.comparison = ReplayComparison(script.live)
         self._publishers = {
             name: self._node.create_publisher(
                 message_class(BY_NAME[name].type),
@@ -54,7 +54,7 @@ class Player(Participant):
         for name in sorted(names):
             self._services.be_found(name, timeout)
 
-    def play(self, step: Step) -> bool:
+    def play(self, step: ReplayStep) -> bool:
         """One step: say, hear, compare. False if an answer stayed away: no other is to be relied on."""
         for said, awaited in ((step.first, step.answers), (step.then, step.final_answers)):
             for message in said:

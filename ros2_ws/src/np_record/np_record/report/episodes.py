@@ -22,7 +22,7 @@ from np_record.report.video import write_video
 
 
 @dataclass(frozen=True)
-class Section:
+class ReportSection:
     """One episode of the report: its bag's name, its data, its plots (SVG), its video (data URI or "")."""
 
     name: str
@@ -88,7 +88,7 @@ def _largest_speed(episode: EpisodeData) -> str:
     return f"{100 * shares.max():.0f} % of the limit of joint {shares.argmax() + 1}"
 
 
-def make_section(bag: str | Path, video_file: Path | None = None) -> Section:
+def make_section(bag: str | Path, video_file: Path | None = None) -> ReportSection:
     """Read one bag and draw its plots; the video is also kept in `video_file` if given. Raises BagError."""
     with Recording(bag) as recording:
         episode = load_episode(recording)
@@ -107,16 +107,16 @@ def make_section(bag: str | Path, video_file: Path | None = None) -> Section:
             rate = float(episode.information.get("image_rate", 30))
             frames = write_video(path, episode, images(recording), rate)
             data = base64.b64encode(path.read_bytes()).decode() if frames else ""
-    return Section(Path(bag).name, episode, drawn, f"data:video/webm;base64,{data}" if data else "")
+    return ReportSection(Path(bag).name, episode, drawn, f"data:video/webm;base64,{data}" if data else "")
 
 
-def title_of(sections: list[Section]) -> str:
+def title_of(sections: list[ReportSection]) -> str:
     """What a report of these episodes is called: by their domains."""
     names = list(dict.fromkeys(section.episode.domain.name for section in sections))
     return f"{' and '.join(names)} episodes".capitalize()
 
 
-def write_report(path: str | Path, sections: list[Section]) -> None:
+def write_report(path: str | Path, sections: list[ReportSection]) -> None:
     """Write the report of `sections` to `path`."""
     successes = sum(section.episode.outcome.success for section in sections)
     low, high = wilson_interval(successes, len(sections))

@@ -11,7 +11,7 @@ _NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextmanager
-def interrupts_wait() -> Iterator[None]:
+def defer_interrupts() -> Iterator[None]:
     """Whatever handlers of the process do with SIGINT, SIGTERM and SIGHUP, they do it after the block.
 
     rclpy makes a TypeError of a KeyboardInterrupt that is raised while it converts a message, and who waits for the one does

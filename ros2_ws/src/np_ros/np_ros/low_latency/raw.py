@@ -7,7 +7,7 @@ from rclpy.serialization import deserialize_message
 from np_description.message_arrays import BadMessage
 
 
-def decoded(data: bytes, kind: type):
+def decode_raw(data: bytes, kind: type):
     """The message of type `kind`, or what stands at the beginning of one. Raises BadMessage (encoding).
 
     Where rclpy deserializes by itself it drops what cannot be read; who asks for the bytes has to look.

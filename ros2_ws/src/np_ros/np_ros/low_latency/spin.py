@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from np_ros.low_latency.newest import Unwaited
+from np_ros.low_latency.latest_message import PolledCallbackGroup
 
 _EVENT_PERIOD = 0.2  # s, how often events that only lead to log lines are looked for
 _LOCK_ALL = 1 | 2  # MCL_CURRENT and MCL_FUTURE of mlockall(2)
@@ -89,7 +89,7 @@ class Spinner:
     def _current(self) -> list[tuple]:
         node = self._node
         return [
-            tuple(s for s in node.subscriptions if not isinstance(s.callback_group, Unwaited)),
+            tuple(s for s in node.subscriptions if not isinstance(s.callback_group, PolledCallbackGroup)),
             tuple(node.timers),
             tuple(node.clients),
             tuple(node.services),

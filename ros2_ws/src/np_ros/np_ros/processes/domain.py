@@ -92,7 +92,7 @@ class OnlyPublisher:
         }
 
 
-def twins(node: Node) -> int:
+def count_namesakes(node: Node) -> int:
     """How many other nodes of this name are known in the domain."""
     own = (node.get_name(), node.get_namespace())
     return node.get_node_names_and_namespaces().count(own) - 1

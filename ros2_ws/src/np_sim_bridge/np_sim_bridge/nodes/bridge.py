@@ -23,7 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from np_control.safety import Refusal, SafetyFilter, State
 from np_description.calibration import calibrated_camera
-from np_description.drawing.meshes import drawn_model
+from np_description.drawing.meshes import load_visual_model
 from np_description.engine import MakeEngine
 from np_description.message_arrays import BadMessage, stamp_nanoseconds
 from np_ros import qos
@@ -31,8 +31,8 @@ from np_ros.low_latency.spin import request_realtime
 from np_ros.node import Diagnostics
 from np_ros.phases import phase_state
 from np_ros.processes.domain import OnlyPublisher
-from np_sim_bridge.barrier import ACTIVE_PHASES, Barrier
-from np_sim_bridge.nodes.outlet import Outlet
+from np_sim_bridge.barrier import ACTIVE_PHASES, LockstepBarrier
+from np_sim_bridge.nodes.publishers import BridgePublishers
 from np_sim_bridge.nodes.settings import MESHES, declare
 from np_sim_bridge.renderer import make_renderer
 from np_sim_bridge.renderer_process import RendererProcess
@@ -58,7 +58,7 @@ class Bridge(Node):
         self._settings = settings = declare(self)
         self._lockstep = settings.lockstep
         self._schedule = Schedule(settings.policy_rate, settings.image_rate)
-        self._barrier = Barrier(self._schedule, tick_barrier=settings.tick_barrier)
+        self._barrier = LockstepBarrier(self._schedule, tick_barrier=settings.tick_barrier)
         patch = load_patch(settings.effects) if settings.effects else Patch()
         view = CameraEffects(patch, calibrated_camera(settings.calibration), settings.seed)
         self._simulation = Simulation(
@@ -79,7 +79,7 @@ class Bridge(Node):
         self._waiting_since = self._repeated_at = time.monotonic()
         self._due: int | None = None  # monotonic ns of the period to come
         self._reported: tuple[State, str] | None = None
-        self._outlet = Outlet(self, view.believed, lockstep=settings.lockstep, joined=self._repeat)
+        self._outlet = BridgePublishers(self, view.believed, lockstep=settings.lockstep, joined=self._repeat)
         # Before the camera's thread: a process that ends with OpenGL at work in it crashes.
         self._right = OnlyPublisher(self, "joint_states")
         self._camera = self._make_camera(patch, view) if settings.camera else None
@@ -104,7 +104,9 @@ class Bridge(Node):
         settings, drawn = self._settings, self._simulation.model
         if settings.look == MESHES:  # a second model: what is simulated knows nothing of meshes
             change = patch.scene_change()
-            drawn = drawn_model(settings.domain, meshes=True, camera=view.camera, panda=patch.panda(), change=change)
+            drawn = load_visual_model(
+                settings.domain, meshes=True, camera=view.camera, panda=patch.panda(), change=change
+            )
         kind = make_renderer if self._lockstep else RendererProcess
         make = partial(kind, settings.renderer, drawn, shadows=settings.shadows)
         return SimulatedCamera(make, view, self._outlet.image, wait=self._lockstep)

@@ -22,7 +22,7 @@ from np_description.keypoints import COUNT
 from np_description.message_arrays import BadMessage, pose_arrays, stamp_nanoseconds
 from np_description.panda import BASE_FRAME
 from np_description.scene import CAMERA_NAME
-from np_perception.seen_corners import SeenCorners
+from np_perception.occluded_keypoints import OccludedKeypointBuffer
 from np_ros import qos
 from np_ros.messages import keypoints_message
 from np_ros.node import Diagnostics, parameter, run
@@ -48,7 +48,7 @@ class KeypointOracle(Node):
         effects = parameter(self, "effects", "", "Patch file of effects that camera and detector have.")
         patch = load_patch(effects) if effects else Patch()
         self._view = CameraEffects(patch, calibrated_camera(calibration), self._seed)
-        self._corners = SeenCorners(np.asarray(domain.half_size), self._view.oldest)
+        self._corners = OccludedKeypointBuffer(np.asarray(domain.half_size), self._view.oldest)
         self._diagnostics = Diagnostics(self)
         lockstep = mode == "lockstep"
         self._keypoints = self.create_publisher(PointCloud2, "keypoints", qos.publisher(lockstep))

@@ -17,7 +17,7 @@ SHAPES, MESHES = LOOKS = "shapes", "meshes"
 
 
 @dataclass(frozen=True)
-class Settings:
+class BridgeSettings:
     """What a bridge is told, as `declare` says it; rates in Hz, `timeout` in s of wall time, files "" for none."""
 
     domain: Domain
@@ -45,9 +45,9 @@ class Settings:
         return self.mode == "lockstep"
 
 
-def declare(node: Node) -> Settings:
+def declare(node: Node) -> BridgeSettings:
     """Declare and read the parameters. Raises ValueError and ParameterException as `np_ros.node.parameter` does."""
-    return Settings(
+    return BridgeSettings(
         declare_domain(node),
         parameter(node, "seed", 0, "With the episode's number it names the task.", 0, 2**31 - 1),
         parameter(node, "first_episode", 0, "Number of the episode that the first reset draws.", 0, 2**31 - 1),

@@ -1,0 +1,95 @@
+"""What a controller follows in real time: everything takes effect when it comes, while an episode allows it. No
+ROS.
+
+The counterpart of `np_control.lockstep_input.LockstepCommandInput`, for the controller node and for a driver with the
+controller on board."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_control.controller import Controller
+from np_control.safety import Reason, Refusal
+from np_control.trajectory import Trajectory
+from np_description.phases import APPROACH, AT_REST, ENDS, POST, PRE
+
+MOVING = (APPROACH, POST)
+
+
+class RealtimeCommandInput:
+    """Leads one `Controller` by trajectories, by pairs of gains and pose, and by the phase of an episode.
+
+    Once an episode has ended nothing is followed until the next one begins, or something else has a phase: a
+    plan that comes late was made for an arm that moves no more. Without any phase all is followed. phase: in
+    force, "" before the first.
+    """
+
+    def __init__(self, controller: Controller):
+        self._controller = controller
+        self._gains: np.ndarray | None = None
+        self.phase = ""
+        self._is_open = True
+        self._is_new = False  # the arm's beginning, and no phase has been heard since
+
+    def enter(self, phase: str) -> None:
+        """The phase in force from now on. A new episode begins with a hold; at the end of one the arm comes to
+        rest."""
+        if phase == self.phase:
+            return
+        missed = self._is_new and phase in MOVING  # the start of this episode
+        self.phase, self._is_open, self._is_new = phase, not missed and phase not in ENDS, False
+        if phase == PRE:
+            self._controller.hold()
+        elif phase in AT_REST:
+            self._controller.stop()
+
+    def begin(self) -> None:
+        """The arm is not where it was, as after a restart of what drives it: an episode under way moved another.
+
+        Without a phase yet, whether there is one says the first to come: it is latched, and heard when its publisher is found.
+        """
+        if self.phase in MOVING:
+            self._is_open = False
+        self._is_new = not self.phase
+
+    def check_open(self) -> None:
+        """Raises Refusal(state) where nothing is to be followed now."""
+        if not self._is_open:
+            raise Refusal(
+                Reason.STATE,
+                f"expected an episode under way, with the arm as it was at its start; the phase is {self.phase}",
+            )
+
+    def trajectory(self, trajectory: Trajectory | None, start: int | None = None) -> None:
+        """Follow a plan from the state of `start` ns on, or from now, with the gains that came since the last
+        pose or plan, or else the controller's own; None (no plan) changes nothing. Raises Refusal.
+        """
+        if trajectory is not None:
+            gains, self._gains = self._gains, None
+            self.check_open()
+            self._controller.follow(trajectory, start, gains)
+
+    def gains(self, gains: np.ndarray | None) -> None:
+        """Gains (2, 7), stiffness Nm/rad and damping ratio, for the pose or the plan that comes next; None drops
+        them."""
+        self._gains = gains
+
+    def pose(self, stamp: int, pose: tuple[np.ndarray, np.ndarray] | None) -> bool:
+        """Move T_E to `pose`, position (3,) m and rotation (3, 3), with the gains that came since the last
+        pose.
+
+        stamp: ns of the state that it answers. None stands for a pose that was refused: it uses the gains up.
+        Returns whether it was cut to the workspace. Raises Refusal, `unpaired` where there are no gains.
+        """
+        gains = self.take_gains(stamp)
+        return pose is not None and self._controller.set_target(stamp, *pose, *gains)
+
+    def take_gains(self, stamp: int) -> np.ndarray:
+        """The gains (2, 7) for the pose of `stamp` ns. Raises Refusal: unpaired where none came since the last
+        pose, state where nothing is to be followed.
+        """
+        gains, self._gains = self._gains, None
+        if gains is None:
+            raise Refusal(Reason.UNPAIRED, f"target pose of {stamp} ns came without gains")
+        self.check_open()
+        return gains

@@ -1,0 +1,180 @@
+"""What a patch corrects where it belongs: in the camera's calibration and in the arm's driver, before any policy is trained.
+
+A camera that stands elsewhere, a joint's zero, a load in the hand, torque that a drive gives unasked, dry friction, and images that come late are
+numbers of the robot's own configuration. Policies need not learn them: with the right numbers they meet what they know.
+
+| effect | corrected in | how |
+|---|---|---|
+| camera_extrinsics, camera_intrinsics | detector | the object's pose by the true camera, its corners as the believed one would show them |
+| camera_latency | detector | corners go on for the delay as they went between the last two ticks |
+| encoder_bias | driver | taken from what is read, and from the angles at which gravity is compensated |
+| payload, link_com | driver | gravity of the arm as it is, not as it is believed to be (libfranka: setLoad) |
+| torque_offset | driver | taken from what is asked for |
+| coulomb_friction | driver | FRICTION_SHARE of it is added along the motion, or along the torque where there is none |
+| command_delay | driver | the state is foretold to when a command acts, by the commands that are under way (Smith 1957) |
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from sim2real.effects.camera_effects import CameraEffects
+from sim2real.effects.patch import Patch
+
+from np_control.dynamics import Dynamics
+from np_description.camera import CAMERA, Camera
+from np_description.domains import Domain
+from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints
+from np_sim_bridge.schedule import PERIOD, SECOND
+from np_sim_bridge.simulation import Measurement
+
+OF_DRIVER = ("encoder_bias", "payload", "link_com", "torque_offset", "coulomb_friction", "command_delay")
+OF_CAMERA = ("camera_extrinsics", "camera_intrinsics")
+LATENCY = "camera_latency"
+_PERIOD = PERIOD / SECOND  # s
+FRICTION_SHARE = 0.8  # of friction that is compensated: with more than there is a joint would drive itself
+AT_SPEED, AT_TORQUE = 0.02, 0.5  # rad/s, Nm, from which a direction is one
+PUSH_TIME = 0.01  # s in which what else accelerates the arm is taken to be the same: contacts, friction
+LONGEST = 0.25  # s between two ticks from which corners are carried on
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """What the nodes are told. camera: the true one; delay: s by which images are late; arm: its effects; remaining: what nobody corrects, which
+    policies have to know."""
+
+    camera: Camera
+    delay: float
+    arm: Patch
+    remaining: Patch
+
+    @property
+    def is_none(self) -> bool:
+        """Whether there is nothing to be told."""
+        return self.camera == CAMERA and self.delay == 0.0 and not self.arm.effects
+
+
+def corrections(patch: Patch, left: Collection[str] = ()) -> Corrections:
+    """The configuration that a patch asks for. left: effects that nobody shall correct, by id."""
+    by = {"camera": [], "arm": [], "delay": [], "remaining": []}
+    for effect in patch.effects:
+        if effect.effect in left:
+            by["remaining"].append(effect)
+            continue
+        whose = "camera" if effect.effect in OF_CAMERA else "arm" if effect.effect in OF_DRIVER else "remaining"
+        by["delay" if effect.effect == LATENCY else whose].append(effect)
+    return Corrections(
+        CameraEffects(Patch(tuple(by["camera"]))).camera,
+        float(sum(effect.get("delay") for effect in by["delay"])),
+        Patch(tuple(by["arm"])),
+        Patch(tuple(by["remaining"])),
+    )
+
+
+class CompensatedView:
+    """Keypoints of one episode as the believed camera would show them now. domain: whose object it is."""
+
+    def __init__(self, told: Corrections, domain: Domain):
+        self._told, self._domain = told, domain
+        self._last: tuple[int, np.ndarray] | None = None
+
+    def __call__(self, seen: np.ndarray, stamp: int) -> np.ndarray:
+        """Of keypoints (8, 3) u px, v px, score, found in the image of `stamp` ns."""
+        seen = self._moved(seen)
+        if not self._told.delay:
+            return seen
+        last, self._last = self._last, (stamp, seen)
+        since = (stamp - last[0]) * 1e-9 if last else 0.0
+        if not 0 < since <= LONGEST or not (last[1][:, 2].all() and seen[:, 2].all()):
+            return seen
+        ahead = seen.copy()
+        ahead[:, :2] += (seen - last[1])[:, :2] * (self._told.delay / since)
+        return ahead
+
+    def _moved(self, seen: np.ndarray) -> np.ndarray:
+        if self._told.camera == CAMERA:
+            return seen
+        try:
+            pose = estimate_pose(seen, self._domain, camera=self._told.camera).pose
+            return np.column_stack([project_keypoints(self._domain, pose)[:, :2], seen[:, 2]])
+        except (PoseError, ValueError):  # too few corners, or none in front: what is found is better than nothing
+            return seen
+
+
+class CompensatedArm:
+    """Between the arm and all that reads and drives it: angles as they are, and the torque that makes the arm do what is asked of it."""
+
+    def __init__(self, told: Corrections):
+        arm = told.arm
+        self._zero = arm.per_joint("encoder_bias", "bias")
+        self._offset = arm.per_joint("torque_offset", "offset")
+        self._friction = FRICTION_SHARE * np.maximum(arm.per_joint("coulomb_friction", "level"), 0.0)
+        weighs = any(effect.effect in ("encoder_bias", "payload", "link_com") for effect in arm.effects)
+        self._weights = (Dynamics(), Dynamics(arm.panda())) if weighs else None
+        delay = float(arm.per_joint("command_delay", "delay").max())
+        self._ahead = SmithPredictor(delay, Dynamics(arm.panda())) if delay > 0 else None
+        self._is_none = not arm.effects
+
+    def read(self, measured: Measurement) -> Measurement:
+        """What the encoders say, without what they say too much, when a command that is given now will act."""
+        if self._is_none:
+            return measured
+        position, velocity = measured.position.copy(), measured.velocity.copy()
+        position[:7] -= self._zero
+        if self._ahead is not None:
+            position[:7], velocity[:7] = self._ahead(measured.stamp, position[:7], velocity[:7])
+        return Measurement(measured.stamp, position, velocity, measured.effort)
+
+    def drive(self, torque: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        """What to ask of the drives (7,) Nm for `torque` (7,) Nm without gravity. q (7,) rad: as `read` has it; dq (7,) rad/s."""
+        if self._is_none:
+            return torque
+        if self._ahead is not None:
+            self._ahead.give(torque)
+        asked = torque - self._offset
+        if self._weights is not None:
+            believed, real = self._weights
+            asked = asked + real.gravity(q) - believed.gravity(q + self._zero)
+        return asked + self._friction * np.tanh(dq / AT_SPEED + torque / AT_TORQUE)
+
+
+class SmithPredictor:
+    """An arm's state after the delay of its commands: those that are under way act on its inertia, and what else accelerates it goes on.
+
+    Without the second a joint that presses against something would be foretold to move, and give way by that. delay: s.
+    """
+
+    def __init__(self, delay: float, dynamics: Dynamics):
+        whole, part = divmod(delay / _PERIOD, 1.0)
+        # Of the commands under way the oldest acts for a part of a period more.
+        self._times = np.array([part, *[1.0] * int(whole)]) * _PERIOD
+        self._part, self._dynamics = part, dynamics
+        self._given: deque[np.ndarray] = deque([np.zeros(7)] * (int(whole) + 2), maxlen=int(whole) + 2)
+        self._else = np.zeros(7)  # rad/s^2
+        self._last: tuple[int, np.ndarray] | None = None
+        self._found: tuple[np.ndarray, np.ndarray] | None = None
+
+    def give(self, torque: np.ndarray) -> None:
+        """A command (7,) Nm without gravity, that is sent on now."""
+        self._given.append(np.array(torque))
+
+    def __call__(self, stamp: int, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """q (7,) rad, dq (7,) rad/s after the delay, of those at `stamp` ns; the same again when they are asked for again."""
+        if self._last is not None and stamp == self._last[0]:
+            return self._found
+        inverse = np.linalg.inv(self._dynamics.mass_matrix(q))
+        given = np.array(self._given)
+        if self._last is not None and stamp == self._last[0] + PERIOD:
+            acted = (1 - self._part) * given[1] + self._part * given[0]  # in the period that has gone by
+            self._else += (
+                ((dq - self._last[1]) / _PERIOD - inverse @ acted - self._else) * _PERIOD / (PUSH_TIME + _PERIOD)
+            )
+        self._last = stamp, dq.copy()
+        for torque, time in zip(given[1:], self._times):
+            faster = dq + (inverse @ torque + self._else) * time
+            q, dq = q + (dq + faster) / 2 * time, faster
+        self._found = q, dq
+        return self._found
