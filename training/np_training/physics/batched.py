@@ -23,6 +23,7 @@ from np_training.physics.batched_forces import BatchedForces
 from np_training.physics.batched_impedance import impedance_kernel
 from np_training.physics.batched_kinematics import forward_kinematics
 from np_training.physics.config import LARGEST, PhysicsConfig, check_trainable
+from np_training.physics.fused_solver import choose_step
 from np_training.physics.varied_model import FIELDS, VariedModel
 
 CAPACITY = (
@@ -83,6 +84,7 @@ class BatchedPhysics:
             self.model.opt.warn_overflow = 0
             self.varied = VariedModel(self.model, model, domain, config.supports, self.device)
             self.data = mjw.put_data(model, data, nworld=worlds, nconmax=config.contacts, njmax=config.constraints)
+            self._solve_step = choose_step(self.model, self.data, config.fused)
             self._command = wp.zeros((6, worlds, 7), dtype=float)
             self._delay = wp.zeros(worlds, dtype=int)
             self._noise = wp.zeros((worlds, 7), dtype=float)
@@ -164,7 +166,7 @@ class BatchedPhysics:
     def _period(self) -> None:
         for substep in range(self.config.substeps):
             self._command_torque(substep)
-            mjw.step(self.model, self.data)
+            self._solve_step(self.model, self.data)
             self.forces.watch(substep)
 
     def _command_torque(self, substep: int) -> None:
@@ -195,11 +197,11 @@ class BatchedPhysics:
     def _step(self) -> None:
         """A physics step that is captured by itself."""
         if not self._wp_device.is_cuda:
-            mjw.step(self.model, self.data)
+            self._solve_step(self.model, self.data)
         elif self._graph is None:
-            mjw.step(self.model, self.data)  # compiles every kernel before the capture
+            self._solve_step(self.model, self.data)  # compiles every kernel before the capture
             with wp.ScopedCapture() as capture:
-                mjw.step(self.model, self.data)
+                self._solve_step(self.model, self.data)
             self._graph = capture.graph
         else:
             wp.capture_launch(self._graph)

@@ -18,6 +18,7 @@ class PhysicsConfig:
     """timestep s; substeps: physics steps a policy period (10 Hz); contacts, constraints: capacity a world;
     contact: how rough and how hard everything is; supports: whether the object stands on patches, for `support`; resizes: whether it
     may become larger, up to LARGEST times, for `resize`;
+    fused: whether constraints are solved by np_training.physics.fused_solver where it fits, else by MuJoCo Warp's own solver;
     effects: what the arm has besides the nominal one (np_training.physics.carried_effects)."""
 
     timestep: float = 0.005
@@ -30,6 +31,7 @@ class PhysicsConfig:
     contact: ContactModel = SOFT
     supports: bool = False
     resizes: bool = False
+    fused: bool = True
 
     def __post_init__(self) -> None:
         check_carried(self.effects)
