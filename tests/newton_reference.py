@@ -58,7 +58,9 @@ def cone_cost(model: mujoco.MjModel, rows: SolvedRows, r: int, x: np.ndarray) ->
     direction = scaled[1:] / tangential
     gap_slope = np.array([mu, *(-mu * direction * [first, second])])
     bend = np.zeros((3, 3))
-    bend[1:, 1:] = -mu / tangential * np.outer([first, second], [first, second]) * (np.eye(2) - np.outer(direction, direction))
+    bend[1:, 1:] = (
+        -mu / tangential * np.outer([first, second], [first, second]) * (np.eye(2) - np.outer(direction, direction))
+    )
     return weight * gap**2 / 2, weight * gap * gap_slope, weight * (np.outer(gap_slope, gap_slope) + gap * bend)
 
 

@@ -86,7 +86,9 @@ def test_gradient_and_hessian_of_the_reference_are_derivatives(visited, solved):
         (more, up, _), (less, down, _) = (primal(model, rows, a + sign * step * way) for sign in (1, -1))
         _, gradient, hessian = primal(model, rows, a)
         assert (more - less) / (2 * step) == pytest.approx(gradient @ way, rel=1e-4)
-        assert (up - down) / (2 * step) == pytest.approx(hessian @ way, rel=1e-3, abs=1e-3 * np.abs(hessian @ way).max())
+        assert (up - down) / (2 * step) == pytest.approx(
+            hessian @ way, rel=1e-3, abs=1e-3 * np.abs(hessian @ way).max()
+        )
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -146,17 +148,20 @@ def test_every_world_is_solved_by_the_kernel_for_its_number_of_rows(visited, sol
 
 
 @pytest.mark.parametrize("device", DEVICES)
-def test_kernel_and_library_agree_where_the_library_converges(visited, solved, device):
+@pytest.mark.parametrize("iterations", (2, 100))
+def test_kernel_and_library_agree(visited, solved, device, iterations):
     model, _ = visited
-    ours, librarys = (solve_on(device, method, model, solved, tolerance=1e-9) for method in (solve, library.solve))
-    there = librarys.solver_niter.numpy() < 100
-    assert there.mean() > 0.7
+    ours, librarys = (solve_on(device, method, model, solved, iterations, 1e-9) for method in (solve, library.solve))
     for name in ("qacc", "qfrc_constraint"):
-        mine, right = getattr(ours, name).numpy()[there], getattr(librarys, name).numpy()[there]
+        mine, right = getattr(ours, name).numpy(), getattr(librarys, name).numpy()
         error = np.abs(mine - right).max(1) / np.maximum(1.0, np.abs(right).max(1))
-        assert np.quantile(error, 0.9) < 1e-3 and error.max() < 1e-2
-    mine, right = ours.efc.Ma.numpy()[there][:, : model.nv], librarys.efc.Ma.numpy()[there][:, : model.nv]
+        assert np.quantile(error, 0.9) < 1e-3 and error.max() < (1e-2 if iterations > 50 else 5e-2)
+    mine, right = ours.efc.Ma.numpy()[:, : model.nv], librarys.efc.Ma.numpy()[:, : model.nv]
     assert mine == pytest.approx(right, abs=2e-3 * float(np.abs(right).max()))
+    assert np.abs(ours.solver_niter.numpy() - librarys.solver_niter.numpy()).mean() < 0.2
+    for k, rows in enumerate(solved):
+        known = slice(0, len(rows.force))
+        assert (ours.efc.state.numpy()[k, known] == librarys.efc.state.numpy()[k, known]).mean() > 0.8
 
 
 def test_a_scene_that_does_not_fit_is_stepped_by_the_library_and_the_log_says_why(caplog):

@@ -177,11 +177,17 @@ def parts(trainer: Trainer) -> dict[str, float]:
 
 
 def make_trainer(
-    domain: str, device: str, worlds: int, rollout_steps: int, seed: int, checkpoint: Path | None
+    domain: str,
+    device: str,
+    worlds: int,
+    rollout_steps: int,
+    seed: int,
+    checkpoint: Path | None,
+    physics: PhysicsConfig = PhysicsConfig(),
 ) -> Trainer:
-    """The trainer that `np_training.train` makes without options, from a checkpoint if there is one."""
+    """A trainer with the task's own settings, from a checkpoint if there is one."""
     task = find_task(domain)
-    config = EnvironmentConfig(worlds=worlds, seed=seed, limit=task.limit, physics=PhysicsConfig())
+    config = EnvironmentConfig(worlds=worlds, seed=seed, limit=task.limit, physics=physics)
     curriculum = CurriculumConfig(practice=task.practice, explore=task.explore)
     environment = Environment(task.domain, device, config)
     trainer = Trainer(environment, TrainConfig(rollout=rollout_steps, curriculum=curriculum))

@@ -128,6 +128,8 @@ def device_data(model: mujoco.MjModel, solved: list[SolvedRows]) -> mjw.Data:
         friction[mine] = s.coefficients
     d.contact.efc_address.assign(address.astype(np.int32))
     d.contact.friction.assign(friction.astype(np.float32))
+    d.contact.worldid.assign(np.repeat(np.arange(worlds, dtype=np.int32), contacts))
+    d.contact.dist.assign(np.full(d.naconmax, -1.0, dtype=np.float32))  # the library bends no cost without penetration
     d.contact.dim.assign(np.full(d.naconmax, 3, dtype=np.int32))
     d.nacon.assign(np.array([worlds * contacts], dtype=np.int32))
     return d
