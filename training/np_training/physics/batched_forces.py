@@ -1,6 +1,6 @@
 """External forces in every world as the robot estimates them: np_description.force_reflex as a kernel of Warp.
 
-The external torque of a joint is its measured torque minus the model's. In a simulated step that is the solver's constraint force
+The external torque of a joint is what the model needs minus what is measured. In a simulated step that is the solver's constraint force
 without the rows of joint friction and joint limits, which the model has: M qdd + h - tau - friction. A test holds the kernel to a
 momentum observer, which reads positions, velocities and commands only, and to the functions of np_description.force_reflex.
 """
