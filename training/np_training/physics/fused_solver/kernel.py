@@ -22,7 +22,7 @@ def newton_kernel(nv: int, least: int, most: int) -> wp.Kernel:
     """
     constants = {
         "NV": nv,
-        "ROWS": max(most, 1),
+        "ROWS": most,
         "ELLIPTIC": int(types.ConstraintType.CONTACT_ELLIPTIC),
         "TOO_FEW_ITERATIONS": int(types.OverflowType.ITERATIONS),
     }

@@ -44,11 +44,11 @@ def solve(m: mjw.Model, d: mjw.Data) -> None:
     """
     has_smooth = not smooth.skip_qacc_smooth(m, d)
     lanes = LANES if d.qacc.device.is_cuda else 1
-    most = [size for size in SIZES if size < d.njmax] + [d.njmax]
-    least = [0] + [size + 1 for size in most[:-1]]
-    for bounds in zip(least, most):
+    for least, most in zip((0, *(size + 1 for size in SIZES)), SIZES):
+        if least > d.njmax:
+            break
         wp.launch(
-            newton_kernel(m.nv, *bounds),
+            newton_kernel(m.nv, least, most),
             dim=(d.nworld, lanes),
             inputs=[
                 int(has_smooth),

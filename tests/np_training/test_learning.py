@@ -1,0 +1,292 @@
+"""The learner by hand: advantages, the sign and the clip of the policy's gradient, entropy, critic, learning rate; the paper's constants."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import nn
+
+from np_policy.action import LOOSE, TIGHT
+from np_training.ppo.config import PPOConfig
+from np_training.ppo.curriculum import STAGES, Curriculum, CurriculumConfig, stage_limits
+from np_training.ppo.learner import STATISTICS, Batch, Learner, advantages
+from np_training.ppo.networks import distribution
+from np_training.tasks.rewards import RewardConfig
+
+PLAIN = PPOConfig(epochs=1, minibatches=1, entropy=0.0)
+
+
+class Gaussian(nn.Module):
+    """A policy of one state: mean and deviation are parameters."""
+
+    def __init__(self, mean=0.0, log_std=0.0, actions=1):
+        super().__init__()
+        self.mean = nn.Parameter(torch.full((actions,), mean))
+        self.log_std = nn.Parameter(torch.full((actions,), log_std))
+
+    def forward(self, state):
+        return self.mean.expand(len(state), -1)
+
+
+class Constant(nn.Module):
+    """A critic that expects the same everywhere."""
+
+    def __init__(self, value=0.0):
+        super().__init__()
+        self.value = nn.Parameter(torch.tensor([value]))
+
+    def forward(self, state):
+        return self.value.expand(len(state), 1)
+
+
+def batch_of(policy, action, advantage, ratio=1.0, returns=None):
+    """Samples whose probability was that of the policy now over `ratio`."""
+    state = torch.zeros(len(action), 1)
+    with torch.no_grad():
+        now = distribution(policy, state).log_prob(action).sum(-1)
+    returns = torch.zeros(len(action)) if returns is None else returns
+    return Batch(state, state, action, now - torch.as_tensor(ratio).log(), advantage, returns)
+
+
+def gradients(policy, batch, config=PLAIN, critic=None):
+    """Gradients of the policy's loss and the critic's, by parameter, and the statistics; the advantages count as they are."""
+    learner = Learner(policy, critic or Constant(), config)
+    with torch.no_grad():
+        normal = distribution(policy, batch.state)
+    share = torch.full((len(batch.state),), 1 / len(batch.state))
+    learner._gradients(*batch.columns(), normal.mean, normal.scale[:1], share)
+    statistics, *parts = learner._message.split([len(STATISTICS), *(p.numel() for p in learner._parameters)])
+    names = [*dict(policy.named_parameters()), "value"]
+    return dict(zip(names, parts)), dict(zip(STATISTICS, statistics.tolist()))
+
+
+def summed_advantages(reward, done, value, last, discount, trace):
+    """sum over k of (discount trace)^k delta_(t+k), until an end: the definition, as a double loop."""
+    steps = len(reward)
+    following = [*value[1:], last]
+    result = []
+    for t in range(steps):
+        total, weight = 0.0, 1.0
+        for k in range(t, steps):
+            alive = 0.0 if done[k] else 1.0
+            total += weight * (reward[k] + discount * alive * following[k] - value[k])
+            if done[k]:
+                break
+            weight *= discount * trace
+        result.append(total)
+    return result
+
+
+def test_advantages_of_two_steps_by_hand():
+    # delta: 1 + .9 * 3 - 2 = 1.7; 0 + .9 * 4 - 3 = .6; advantage of the first: 1.7 + .9 * .5 * .6 = 1.97
+    config = PPOConfig(discount=0.9, trace=0.5)
+    column = [torch.tensor([[a], [b]]) for a, b in ((1.0, 0.0), (2.0, 3.0))]
+    found = advantages(config, column[0], torch.zeros(2, 1, dtype=torch.bool), column[1], torch.tensor([4.0]))
+    assert found[:, 0].tolist() == pytest.approx([1.97, 0.6])
+
+
+@pytest.mark.parametrize("discount, trace", [(0.99, 0.95), (0.9, 0.0), (0.9, 1.0), (1.0, 0.5)])
+def test_advantages_are_the_weighted_sums_of_their_definition(discount, trace):
+    generator = torch.Generator().manual_seed(0)
+    reward, value = torch.randn(2, 9, 5, generator=generator)
+    done = torch.rand(9, 5, generator=generator) < 0.25
+    done[:, 0], done[-1, 1] = False, True
+    last = torch.randn(5, generator=generator)
+    found = advantages(PPOConfig(discount=discount, trace=trace), reward, done, value, last)
+    for n in range(5):
+        columns = (tensor[:, n].tolist() for tensor in (reward, done, value))
+        assert found[:, n].tolist() == pytest.approx(
+            summed_advantages(*columns, float(last[n]), discount, trace), abs=1e-5
+        )
+
+
+def test_the_defaults_are_the_ones_of_the_table():
+    config = PPOConfig()
+    assert (config.discount, config.trace, config.clip) == (0.99, 0.95, 0.2)
+
+
+@pytest.mark.parametrize("better", (-1.0, 1.0))
+def test_of_two_arms_the_better_one_becomes_likelier(better):
+    policy = Gaussian()
+    arms = torch.tensor([[-1.0], [1.0]]).repeat(32, 1)
+    batch = batch_of(policy, arms, (arms[:, 0] == better).float())
+    arm = torch.tensor([[better]])
+    before = distribution(policy, torch.zeros(1, 1)).log_prob(arm).item()
+    Learner(policy, Constant(), PLAIN).update(batch)
+    assert distribution(policy, torch.zeros(1, 1)).log_prob(arm).item() > before
+    assert math.copysign(1, policy.mean.item()) == better
+
+
+@pytest.mark.parametrize("ratio, advantage, moves", [
+    (1.0, 1.0, True), (1.0, -1.0, True),
+    (1.3, 1.0, False), (1.3, -1.0, True),
+    (0.7, 1.0, True), (0.7, -1.0, False),
+    (1.15, 1.0, True), (0.85, -1.0, True),
+])  # fmt: skip
+def test_beyond_the_clip_only_a_way_back_has_a_gradient(ratio, advantage, moves):
+    policy, action = Gaussian(), torch.tensor([[0.5]])
+    found, statistics = gradients(policy, batch_of(policy, action, torch.tensor([advantage]), ratio))
+    # Of ratio A: d/d mean = ratio A (action - mean) / std^2.
+    expected = -ratio * advantage * 0.5 if moves else 0.0
+    assert found["mean"].item() == pytest.approx(expected, abs=1e-6)
+    clipped = min(max(ratio, 0.8), 1.2)
+    assert statistics["policy_loss"] == pytest.approx(-min(ratio * advantage, clipped * advantage))
+
+
+def test_the_bonus_widens_the_policy_by_its_weight():
+    policy, config = Gaussian(), replace(PLAIN, entropy=0.25)
+    found, statistics = gradients(policy, batch_of(policy, torch.tensor([[0.5]]), torch.tensor([0.0])), config)
+    # The entropy of a Gaussian is log std + (1 + log 2 pi) / 2: its slope is 1, the loss has it with a minus.
+    entropy = 0.5 * (1 + math.log(2 * math.pi))
+    assert found["log_std"].item() == pytest.approx(-0.25)
+    assert statistics["entropy"] == pytest.approx(entropy)
+    assert statistics["policy_loss"] == pytest.approx(-0.25 * entropy)
+
+
+def test_the_critic_goes_to_the_returns():
+    policy, critic = Gaussian(), Constant(1.0)
+    batch = batch_of(policy, torch.zeros(2, 1), torch.zeros(2), returns=torch.tensor([2.0, 6.0]))
+    found, statistics = gradients(policy, batch, critic=critic)
+    assert found["value"].item() == pytest.approx(2 * (1 - 4))  # of the mean square
+    assert statistics["value_loss"] == pytest.approx((1 + 25) / 2)
+    learner = Learner(policy, critic, PLAIN)
+    learner.update(batch)
+    assert critic.value.item() > 1.0
+
+
+def test_advantages_are_centred_and_scaled_before_an_update():
+    shifted = [torch.tensor(values) for values in ([1.0, -1.0, 1.0, -1.0], [25.0, 5.0, 25.0, 5.0])]
+    found = []
+    for advantage in shifted:
+        policy = Gaussian()
+        learner = Learner(policy, Constant(), replace(PLAIN, clip=10.0))
+        action = torch.tensor([[1.0], [0.3], [-0.2], [-1.0]])
+        said = learner.update(batch_of(policy, action, advantage, torch.tensor([1.0, 1.1, 0.9, 1.2])))
+        found.append((said["policy_loss"], *learner._message[len(STATISTICS) :].tolist()))
+    assert found[0] == pytest.approx(found[1], rel=1e-4, abs=1e-6)
+    assert found[0][0] == pytest.approx(-(1.0 - 1.1 + 0.9 - 1.2) / 4, rel=1e-4)
+
+
+def test_the_divergence_is_that_of_the_policy_from_before_to_now():
+    policy = Gaussian(mean=0.5, log_std=math.log(0.5))
+    learner = Learner(policy, Constant(), PLAIN)
+    batch = batch_of(policy, torch.tensor([[0.0]]), torch.tensor([1.0]))
+    learner._gradients(*batch.columns(), torch.tensor([[0.2]]), torch.tensor([[0.4]]), torch.ones(1))
+    now, old = torch.distributions.Normal(0.5, 0.5), torch.distributions.Normal(0.2, 0.4)
+    expected = torch.distributions.kl_divergence(now, old).item()
+    assert learner._message[STATISTICS.index("kl")].item() == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("kl, factor", [(0.021, 1 / 1.5), (0.019, 1.0), (0.006, 1.0), (0.004, 1.5), (0.0, 1.0)])
+def test_the_rate_falls_where_the_policy_moves_far_and_rises_where_it_hardly_moves(kl, factor):
+    learner = Learner(Gaussian(), Constant(), PPOConfig(target_kl=0.01), rate=3e-4)
+    learner._steer(torch.tensor(kl))
+    assert learner.rate == pytest.approx(factor * 3e-4)
+
+
+@pytest.mark.parametrize("kl, bound", [(1.0, 2e-5), (1e-6, 1e-3)])
+def test_the_rate_stays_within_its_bounds(kl, bound):
+    learner = Learner(Gaussian(), Constant(), PPOConfig(rate=(2e-5, 1e-3)))
+    for _ in range(20):
+        learner._steer(torch.tensor(kl))
+    assert learner.rate == pytest.approx(bound)
+
+
+def test_an_update_goes_through_every_sample_once_an_epoch(monkeypatch):
+    policy, seen = Gaussian(), []
+    learner = Learner(policy, Constant(), PPOConfig(epochs=3, minibatches=4))
+    reckon = learner._reckon
+    monkeypatch.setattr(learner, "_reckon", lambda *tensors: (seen.append(tensors[2][:, 0]), reckon(*tensors)))
+    action = torch.linspace(-1, 1, 10)[:, None]
+    learner.update(batch_of(policy, action, torch.randn(10)))
+    assert len(seen) == 12
+    for epoch in range(3):
+        drawn = torch.cat(seen[4 * epoch : 4 * epoch + 4]).sort().values
+        assert torch.equal(drawn, action[:, 0])
+
+
+def test_a_step_is_no_longer_than_the_bound_of_the_gradient():
+    """Adam's first step hides the gradient's size; its memory does not."""
+    policy = Gaussian(log_std=-2.0)
+    learner = Learner(policy, Constant(), replace(PLAIN, gradient_norm=0.5))
+    learner.update(batch_of(policy, torch.tensor([[0.5], [-0.3]]), torch.tensor([1.0, -1.0])))
+    kept = [learner.policy_optimiser.state[p]["exp_avg"] for p in policy.parameters()]
+    assert torch.cat(kept).norm().item() == pytest.approx(0.1 * 0.5, rel=1e-3)
+
+
+PAPER = {
+    "N_s": (STAGES, 10),
+    "success that tightens": (CurriculumConfig().advance_at, 0.8),
+    "zeta_0, m": (LOOSE.position, 0.06),
+    "zeta_0, rad": (LOOSE.rotation, 0.1),
+    "zeta*, m": (TIGHT.position, 0.02),
+    "zeta*, rad": (TIGHT.rotation, 0.03),
+    "C1, m": (RewardConfig().distance, 0.02),
+    "C2": (RewardConfig().success, 1000.0),
+    "C3": (RewardConfig().gains, 0.03),
+    "C4": (RewardConfig().failure, -100.0),
+}
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_a_constant_is_the_papers(name):
+    ours, papers = PAPER[name]
+    assert ours == papers
+
+
+def test_limits_shrink_by_the_same_factor_every_stage():
+    for stage in range(STAGES + 2):
+        share = min(stage, 10) / 10
+        limits = stage_limits(stage)
+        assert limits.position == pytest.approx(0.06 * (0.02 / 0.06) ** share)
+        assert limits.rotation == pytest.approx(0.1 * (0.03 / 0.1) ** share)
+
+
+def advanced(curriculum, success, episodes=100, times=1):
+    return [curriculum.advance(success, episodes) for _ in range(times)]
+
+
+def test_a_stage_is_left_at_the_papers_success_and_not_before():
+    below, at = Curriculum(100), Curriculum(100)
+    assert advanced(below, 0.79) == [False] and below.stage == 0
+    assert advanced(at, 0.8) == [True] and at.stage == 1 and at.episodes == 0
+    assert not at.randomised
+
+
+def test_half_a_window_has_to_end_in_a_stage_before_it_is_left():
+    curriculum = Curriculum(100)
+    assert advanced(curriculum, 1.0, 49) == [False]
+    assert advanced(curriculum, 1.0, 1) == [True]
+    assert advanced(curriculum, 1.0, 0) == [False] and curriculum.episodes == 0
+
+
+def test_randomisation_begins_at_a_success_of_its_own_and_ends_the_stages():
+    curriculum = Curriculum(100)
+    advanced(curriculum, 0.85, times=30)
+    assert curriculum.stage == STAGES and curriculum.strictness == 1.0 and not curriculum.randomised
+    advanced(curriculum, 1.0, times=2)
+    assert curriculum.stage == STAGES + 1 and curriculum.randomised
+    assert advanced(curriculum, 1.0) == [False] and curriculum.stage == STAGES + 1
+
+
+def test_success_is_a_running_mean_over_the_window():
+    curriculum = Curriculum(100)
+    advanced(curriculum, 0.4, 20)
+    assert curriculum.success == pytest.approx(0.4), "the first episodes count alone"
+    advanced(curriculum, 0.6, 25)
+    assert curriculum.success == pytest.approx(0.75 * 0.4 + 0.25 * 0.6)
+    advanced(curriculum, 0.1, 500)
+    assert curriculum.success == pytest.approx(0.1)
+
+
+def test_practice_and_exploration_end_with_success_and_the_rest_is_the_domains_own():
+    config = CurriculumConfig(practice=0.5, explore=0.3, practised_at=0.6, kept=0.1)
+    curriculum = Curriculum(100, config, practices=2)
+    assert curriculum.explore == pytest.approx(0.3)
+    assert curriculum.shares == pytest.approx((0.5, 0.25, 0.25))
+    curriculum.success, curriculum.practised = 0.3, [0.5, 0.0]
+    assert curriculum.explore == pytest.approx(0.15)
+    assert curriculum.shares == pytest.approx((0.75, 0.25 * 0.28 / 0.31, 0.25 * 0.03 / 0.31))
+    curriculum.success = 0.9
+    assert curriculum.explore == 0.0 and curriculum.shares[0] == pytest.approx(0.9)
