@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import nn
 
-from np_policy.action import LOOSE, TIGHT
+from np_policy.action import RESIDUAL_LIMITS_FINAL, RESIDUAL_LIMITS_INITIAL
 from np_training.ppo.config import PPOConfig
 from np_training.ppo.curriculum import STAGES, Curriculum, CurriculumConfig, stage_limits
 from np_training.ppo.learner import STATISTICS, Batch, Learner, advantages
@@ -134,6 +134,16 @@ def test_beyond_the_clip_only_a_way_back_has_a_gradient(ratio, advantage, moves)
     assert statistics["policy_loss"] == pytest.approx(-min(ratio * advantage, clipped * advantage))
 
 
+def test_an_action_that_has_become_certain_or_impossible_leaves_the_update_finite():
+    """exp of 200 overflows: infinity times an advantage of 0 would spoil every parameter."""
+    for log_probability in (-200.0, 200.0):
+        policy, action = Gaussian(), torch.tensor([[0.5]])
+        batch = replace(batch_of(policy, action, torch.tensor([0.0])), log_probability=torch.tensor([log_probability]))
+        found, statistics = gradients(policy, batch)
+        assert all(torch.isfinite(gradient).all() for gradient in found.values())
+        assert math.isfinite(statistics["policy_loss"])
+
+
 def test_the_bonus_widens_the_policy_by_its_weight():
     policy, config = Gaussian(), replace(PLAIN, entropy=0.25)
     found, statistics = gradients(policy, batch_of(policy, torch.tensor([[0.5]]), torch.tensor([0.0])), config)
@@ -218,10 +228,10 @@ def test_a_step_is_no_longer_than_the_bound_of_the_gradient():
 PAPER = {
     "N_s": (STAGES, 10),
     "success that tightens": (CurriculumConfig().advance_at, 0.8),
-    "zeta_0, m": (LOOSE.position, 0.06),
-    "zeta_0, rad": (LOOSE.rotation, 0.1),
-    "zeta*, m": (TIGHT.position, 0.02),
-    "zeta*, rad": (TIGHT.rotation, 0.03),
+    "zeta_0, m": (RESIDUAL_LIMITS_INITIAL.position, 0.06),
+    "zeta_0, rad": (RESIDUAL_LIMITS_INITIAL.rotation, 0.1),
+    "zeta*, m": (RESIDUAL_LIMITS_FINAL.position, 0.02),
+    "zeta*, rad": (RESIDUAL_LIMITS_FINAL.rotation, 0.03),
     "C1, m": (RewardConfig().distance, 0.02),
     "C2": (RewardConfig().success, 1000.0),
     "C3": (RewardConfig().gains, 0.03),

@@ -15,6 +15,7 @@ from np_training.ppo.networks import distribution
 
 STATISTICS = ("policy_loss", "value_loss", "kl", "entropy")
 GRAIN = 2048  # rows: what minibatches are filled up to a multiple of where they are captured, to have few shapes
+LARGEST_LOG_RATIO = 20.0  # of two probabilities of an action
 
 
 def advantages(
@@ -123,7 +124,9 @@ class Learner:
         *columns, old_mean, old_std, share = tensors
         batch = Batch(*columns)
         normal = distribution(self.policy, batch.state)
-        ratio = (normal.log_prob(batch.action).sum(-1) - batch.log_probability).exp()
+        # Far beyond the clip the ratio says nothing more, and exp would overflow: infinity times an advantage of 0 is NaN.
+        log_ratio = normal.log_prob(batch.action).sum(-1) - batch.log_probability
+        ratio = log_ratio.clamp(-LARGEST_LOG_RATIO, LARGEST_LOG_RATIO).exp()
         clipped = ratio.clamp(1 - self.config.clip, 1 + self.config.clip)
         entropy = (share * normal.entropy().sum(-1)).sum()
         policy_loss = (
