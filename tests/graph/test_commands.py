@@ -18,7 +18,7 @@ LIMIT = 280  # s
 
 def start(name, weights, *options):
     return subprocess.Popen(
-        [*command("np_bringup", name), "--weights", str(weights), *map(str, options)],
+        [*command("np_evaluation", name), "--weights", str(weights), *map(str, options)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

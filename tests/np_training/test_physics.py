@@ -97,7 +97,7 @@ def test_hard_contact_is_stepped_twice_as_often_and_holds_a_policy_period():
     physics = BatchedPhysics(CARD, 1, "cpu", physics_for("hard", substeps=1))
     assert physics.host_model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
     assert physics.host_model.opt.ls_iterations >= HARD.line_search
-    with pytest.raises(ValueError, match="expected one of soft, firm, hard, swift, got 'rigid'"):
+    with pytest.raises(ValueError, match="expected one of soft, firm, hard, swift, steady, growing, got 'rigid'"):
         physics_for("rigid")
 
 
@@ -188,8 +188,10 @@ def test_robust_conditions_reach_the_physics():
     env._draw_conditions(torch.arange(64), env.physics.qpos[:, ARM])
     share = env.physics.varied._solimp[:, 0, 1] / (1 - env.physics.varied._solimp[:, 0, 1])
     nominal = HARD.hard.impedance[1] / (1 - HARD.hard.impedance[1])
-    assert 0.24 * nominal < share.min() < 0.6 * nominal and 1.8 * nominal < share.max() < 4.2 * nominal
-    assert 0.75 <= env.physics.margin.min() < env.physics.margin.max() <= 0.95
+    low, high = ROBUST.stiffness
+    assert 0.95 * low * nominal < share.min() < 0.6 * nominal and 1.8 * nominal < share.max() < 1.05 * high * nominal
+    low, high = ROBUST.limit_margin
+    assert low <= env.physics.margin.min() < env.physics.margin.max() <= high
     low, high = (2 * steps for steps in ROBUST.delay)  # steps of 2.5 ms
     assert low <= env.physics.delay.min() and env.physics.delay.max() <= high and (env.physics.delay % 2 == 0).all()
 

@@ -110,7 +110,8 @@ def _fit(
         at[n, : len(own)] = own
     rows = np.maximum(rows, 1.0)
     spare = np.maximum(rows - np.array([[len(own)] for own in where]), 1.0)
-    variance = np.maximum(grams[:, :, 0, 0] / rows, FIT.variance)
+    floor = np.maximum(FIT.variance, _rounding(grams, np.append(prior, 0.0)[at]))
+    variance = np.maximum(grams[:, :, 0, 0] / rows, floor)
     shape = BlockArrowStructure.from_members([cell.joint for cell in cells], where, size)
     local = [shape.local_indices(cell.joint, own) for cell, own in zip(cells, where)]
     stacked = _stacked(shape, [cell.joint for cell in cells], local, grams)
@@ -133,8 +134,19 @@ def _fit(
         if outside.any():
             solved = _bounded(normal, moment, solution, lower, upper, outside)
         values = np.concatenate([solved, np.zeros((count, 1))], axis=1)[:, at].transpose(1, 0, 2)
-        variance = np.maximum(residual_sum_of_squares(grams, values) / spare, FIT.variance)
+        variance = np.maximum(residual_sum_of_squares(grams, values) / spare, floor)
     return _Solved(solved, inverse, local, variance)
+
+
+def _rounding(grams: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Variance (cells, m) below which double precision loses the priors beside the data.
+
+    In units of its prior a parameter's equation is column' column prior^2 / variance + 1. A recording without noise has no
+    variance of its own; two equal columns would then make the matrix singular. grams: (cells, m, k + 1, k + 1);
+    prior: (cells, k), 0 where padded.
+    """
+    squares = np.diagonal(grams, axis1=2, axis2=3)[..., 1:] * prior[:, None] ** 2
+    return FIT.rounding * squares.max(axis=-1, initial=0.0)
 
 
 def _stacked(

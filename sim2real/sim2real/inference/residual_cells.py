@@ -19,7 +19,7 @@ from sim2real.effects.stage import Stage
 from sim2real.inference.residual_stages import ResidualStages
 from sim2real.thresholds import THRESHOLDS
 
-VALIDATION = THRESHOLDS.blocks
+FIT, VALIDATION = THRESHOLDS.fit, THRESHOLDS.blocks
 
 
 @dataclass(frozen=True)
@@ -247,8 +247,10 @@ def _autoregression(matrix, residual, kept, normal, prior) -> np.ndarray:
     if len(side) < VALIDATION.order_rows:
         return np.zeros(VALIDATION.order)
     if len(prior):
-        spread = max(np.median(np.abs(side)) ** 2, 1e-12)
-        scaled = normal[:-1, :-1] * np.outer(prior, prior) + spread * np.eye(len(prior))
+        scaled = normal[:-1, :-1] * np.outer(prior, prior)
+        # Without noise the ridge must still be seen beside the columns in double precision.
+        spread = max(np.median(np.abs(side)) ** 2, 1e-12, FIT.rounding * np.diagonal(scaled).max())
+        scaled = scaled + spread * np.eye(len(prior))
         side = side - (matrix @ (prior * np.linalg.solve(scaled, prior * normal[:-1, -1])))[kept]
     correlation = np.array([np.mean(side[lag:] * side[: len(side) - lag]) for lag in range(VALIDATION.order + 1)])
     if correlation[0] <= 1e-20:

@@ -55,6 +55,7 @@ class Fitting:
     )
     bound_passes: int = threshold(2, "passes", "solutions with parameters held at their bounds", NUMERICS)
     variance: float = threshold(1e-16, "unit^2", "smallest variance of a row", NUMERICS)
+    rounding: float = threshold(1e-13, "1", "smallest variance, of all that a column explains at its prior", NUMERICS)
 
 
 @dataclass(frozen=True)
