@@ -144,6 +144,17 @@ def test_an_action_that_has_become_certain_or_impossible_leaves_the_update_finit
         assert math.isfinite(statistics["policy_loss"])
 
 
+def test_the_probability_of_an_action_is_that_of_all_its_parts():
+    policy, action = Gaussian(actions=2), torch.tensor([[0.5, -0.25]])
+    batch = batch_of(policy, action, torch.tensor([1.0]))
+    with torch.no_grad():
+        policy.mean += 0.1  # ratio: exp of the sum over both parts of ((a - 0)^2 - (a - .1)^2) / 2
+    found, statistics = gradients(policy, batch)
+    ratio = math.exp((0.5**2 - 0.4**2 + 0.25**2 - 0.35**2) / 2)
+    assert statistics["policy_loss"] == pytest.approx(-ratio)
+    assert found["mean"].tolist() == pytest.approx([-ratio * 0.4, ratio * 0.35])
+
+
 def test_the_bonus_widens_the_policy_by_its_weight():
     policy, config = Gaussian(), replace(PLAIN, entropy=0.25)
     found, statistics = gradients(policy, batch_of(policy, torch.tensor([[0.5]]), torch.tensor([0.0])), config)
