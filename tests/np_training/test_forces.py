@@ -55,7 +55,7 @@ def test_the_estimate_agrees_with_measured_motion_and_with_the_deployed_definiti
     peaks = np.zeros((3, WORLDS))
     mass = np.zeros((model.nv, model.nv))
     position, rotation = env_pose(env)
-    target = actions.decode(press(1.0), position, rotation)
+    target = actions.decode(press(1.0), position, rotation, env.limits)
     physics.aim(solve_ik(physics.seen_q[:, :7].clone(), target.position, target.rotation), target)
     for substep in range(env.config.physics.substeps):
         q, v = physics.qpos.double().numpy().copy(), physics.qvel.double().numpy().copy()

@@ -14,11 +14,11 @@ from np_description.panda import NOMINAL
 from np_description.scene import load_model
 from np_training.ppo.config import PPOConfig
 from np_training.tasks.registry import find_task
-from np_training.tasks.rewards import Measures, RewardConfig, Touch
+from np_training.tasks.rewards import Measures, PeriodTouch, RewardConfig
 
 NO, YES = torch.tensor([False]), torch.tensor([True])
 STILL, SEEN = torch.zeros(1, 6), torch.zeros(1)
-GENTLE = Touch(torch.full((1,), 5.0), torch.zeros(1), NO, YES)
+GENTLE = PeriodTouch(torch.full((1,), 5.0), torch.zeros(1), NO, YES)
 
 
 def measures(distance, angle=0.0, hand=0.1, dtype=torch.float32):
@@ -93,7 +93,7 @@ def test_the_middle_between_the_fingertips_is_the_point_that_counts_as_the_finge
 @pytest.mark.parametrize("strictness, share", [(0.0, 0.25), (0.5, 0.625), (1.0, 1.0)])
 def test_prices_on_touches_rise_with_strictness_and_housing_costs_from_the_beginning(strictness, share):
     at, reward = measures(0.1), RewardConfig(scale=1.0)
-    blow = Touch(torch.full((1,), 1e6), torch.full((1,), 1e6), YES, NO, strictness)
+    blow = PeriodTouch(torch.full((1,), 1e6), torch.full((1,), 1e6), YES, NO, strictness)
     terms = reward.terms(at, at, NO, NO, stiffness(0.0), blow, STILL, SEEN)
     assert terms["bare"].item() == pytest.approx(share * reward.bare)
     assert terms["force"].item() == pytest.approx(strictness * reward.force, rel=1e-4)
@@ -105,8 +105,8 @@ def test_finishing_with_a_fast_touch_and_hard_pressing_pays_more_than_staying_aw
     """A touch at .3 m/s and a hundred steps at 30 N, then the goal: what it is charged is less than what the goal pays."""
     reward, limit = RewardConfig(), find_task(domain.name).limit
     far, goal, soft = measures(0.15), measures(0.01), stiffness(0.0)
-    first = Touch(torch.full((1,), 60.0), torch.full((1,), 0.3), NO, YES)
-    press = Touch(torch.full((1,), 30.0), torch.zeros(1), NO, YES)
+    first = PeriodTouch(torch.full((1,), 60.0), torch.full((1,), 0.3), NO, YES)
+    press = PeriodTouch(torch.full((1,), 30.0), torch.zeros(1), NO, YES)
     steps = min(limit, 100)
     earned = (
         sum(reward.terms(far, far, NO, NO, soft, first, STILL, SEEN).values())

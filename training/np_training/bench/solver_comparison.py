@@ -30,7 +30,7 @@ AHEAD = 3  # policy periods of the compared futures: .3 s
 DEPTHS = {"as trained": (None, None), "converged": (100, 50)}  # iterations, line search iterations
 
 
-def compared(arguments: argparse.Namespace) -> Iterator[dict]:
+def compare_solvers(arguments: argparse.Namespace) -> Iterator[dict]:
     """The figures that are asked for, a dictionary after each part, so that a run cut short keeps what it had."""
     setups = {name: setup(arguments, name == "fused") for name in SOLVERS}
     if "agreement" in arguments.parts:

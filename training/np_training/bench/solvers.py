@@ -44,7 +44,7 @@ def main() -> None:
     arguments.device = usable(arguments.device)
     import torch  # slow: no --help should wait for it
 
-    from np_training.bench.solver_comparison import compared
+    from np_training.bench.solver_comparison import compare_solvers
 
     torch.backends.cuda.matmul.allow_tf32 = True
     on_cuda = arguments.device.startswith("cuda")
@@ -54,7 +54,7 @@ def main() -> None:
         "room": [arguments.contacts, arguments.constraints],
         "device": torch.cuda.get_device_name(arguments.device) if on_cuda else "CPU",
     }
-    for part in compared(arguments):
+    for part in compare_solvers(arguments):
         whole |= part
         report(part, arguments.out)
     report(whole, arguments.out)

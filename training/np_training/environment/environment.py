@@ -32,7 +32,7 @@ from np_training.physics.config import PhysicsConfig
 from np_training.tasks.poses import Poses, quarter_tips
 from np_training.tasks.practice import Tasks, draw_tasks
 from np_training.tasks.randomisation import DELAY_STEP, NOMINAL_CONDITIONS, Conditions
-from np_training.tasks.rewards import Measures, RewardConfig, Touch
+from np_training.tasks.rewards import Measures, PeriodTouch, RewardConfig
 
 PRE_STATE_SIZE = 18
 PERIOD = 1 / actions.RATE  # s
@@ -340,7 +340,7 @@ class Environment:
         """Advance every world by one policy period under actions (n, 20).
 
         Returns reward, done, success, lost, stopped (by the reflex), pressed (of these, by its forces), timeout (n,), hidden
-        (`Sight.hidden`), touch (`Touch`), share (n,) of the force reflex's thresholds, the reward's terms, and for ended episodes their total.
+        (`Sight.hidden`), touch (`PeriodTouch`), share (n,) of the force reflex's thresholds, the reward's terms, and for ended episodes their total.
         Ended worlds are NOT reset: call `reset(done.nonzero())`, after the critic has seen the last state.
         """
         physics, config = self.physics, self.config
@@ -374,7 +374,7 @@ class Environment:
         pairs = ((getattr(before, f.name), getattr(after, f.name)) for f in fields(Measures))
         after = Measures(*(torch.where(broken.view(-1, *[1] * (old.ndim - 1)), old, new) for old, new in pairs))
         touched = physics.forces.touched > 0
-        touch = Touch(peaks[FORCE], peaks[SPEED], touched[BARE], touched[FINGER], config.strictness)
+        touch = PeriodTouch(peaks[FORCE], peaks[SPEED], touched[BARE], touched[FINGER], config.strictness)
         hidden = self.sight.hidden(*physics.geoms, objects, corners(self.domain, objects)).nan_to_num()
         terms = config.reward.terms(before, after, success, lost | stopped, target.stiffness, touch, change, hidden)
         reward = sum(terms.values())

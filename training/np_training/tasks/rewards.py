@@ -37,7 +37,7 @@ class Measures:
 
 
 @dataclass(frozen=True)
-class Touch:
+class PeriodTouch:
     """What the robot felt in a step, in worlds (n,)."""
 
     force: torch.Tensor
@@ -99,7 +99,7 @@ class RewardConfig:
         success: torch.Tensor,
         lost: torch.Tensor,
         stiffness: torch.Tensor,
-        touch: Touch,
+        touch: PeriodTouch,
         change: torch.Tensor,
         hidden: torch.Tensor,
     ) -> dict[str, torch.Tensor]:
