@@ -250,7 +250,7 @@ def test_a_limit_that_a_drive_always_had_is_no_change(before):
 
     logs = limited(before), limited(record(WRONG, name="new", noise=99))
     stages, whole = ResidualStages(context_of(*logs)), ResidualStages(make_context(list(logs), panda()))
-    shown = torque_saturation._signature(limit, joint, False)
+    shown = torque_saturation._regressor(limit, joint, False)
     for stage in stages_of:
         rows, said = stages.rows(stage, joint), whole.columns(shown, stage, joint)
         _, left = stages.project_out_reference(stage, joint, rows, said[:, :0], said[:, 0])
