@@ -84,7 +84,9 @@ def test_the_estimate_agrees_with_measured_motion_and_with_the_deployed_definiti
     np.testing.assert_allclose(physics.forces.filtered.numpy(), filtered, atol=0.03 * largest)
     found = physics.forces.peaks.numpy()
     np.testing.assert_allclose(found[[FORCE, SHARE]], peaks[[0, 2]], rtol=0.01, atol=0.01)
-    np.testing.assert_allclose(found[RAW], peaks[1], rtol=0.1)  # a difference of single-precision velocities, unfiltered
+    np.testing.assert_allclose(
+        found[RAW], peaks[1], rtol=0.1
+    )  # a difference of single-precision velocities, unfiltered
 
 
 def env_pose(env: Environment):

@@ -47,8 +47,7 @@ def test_physics_steps_beyond_a_limit_are_counted_anew_every_period():
 
 def test_worlds_without_room_for_a_constraint_are_counted_once():
     roomy, narrow = (
-        BatchedPhysics(BUMP, WORLDS, "cpu", PhysicsConfig(substeps=SUBSTEPS, constraints=room, fused=False))
-        for room in (96, 22)
+        BatchedPhysics(BUMP, WORLDS, "cpu", PhysicsConfig(substeps=SUBSTEPS, constraints=room)) for room in (96, 22)
     )  # 24 are in use at rest
     for physics in (roomy, narrow):
         physics.advance()

@@ -100,7 +100,8 @@ def newton_kernel(nv: int, least: int, most: int) -> wp.Kernel:
         overflow: Counts,
     ):
         world, lane = wp.tid()
-        rows = wp.min(nefc[world], efc_D.shape[1])
+        # D, J and state are padded beyond the room for rows; force is not.
+        rows = wp.min(nefc[world], efc_force.shape[1])
         if rows < wp.static(least) or rows > wp.static(most):
             return
         newton(
