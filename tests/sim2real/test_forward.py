@@ -157,8 +157,8 @@ def test_a_row_of_the_report_says_where_the_two_disagree(recorded):
 def test_a_model_that_no_arm_can_have_is_reported_and_does_not_end_the_report(monkeypatch, log):
     """Inertia below nothing: MuJoCo refuses to make such a link."""
     impossible = RefittedEffect("link_inertia", "panda_joint4", {"scale": Estimate(-1.5, -1.6, -1.4, "1")}, {})
-    monkeypatch.setattr(refitting, "parts_of", lambda *_: (impossible,))
-    monkeypatch.setattr(refitting, "windows", lambda logs: cut_windows(logs, every=0.5))
+    monkeypatch.setattr(refitting, "effects_to_refit", lambda *_: (impossible,))
+    monkeypatch.setattr(refitting, "cut_windows", lambda logs: cut_windows(logs, every=0.5))
     diagnosis = SimpleNamespace(context=SimpleNamespace(arm=panda(), logs=[log]), design=SimpleNamespace(parameters=()))
     (row,) = refitting.refit_in_simulation(diagnosis)["structures"]
     assert row["effects"] == ["link_inertia at panda_joint4"] and row["error"]

@@ -156,7 +156,7 @@ def test_an_offset_may_be_friction_with_equal_and_opposite_levels(uneven):
 def test_an_offset_is_named_with_the_friction_that_it_may_be():
     diagnosis = explain_gap([record(Truth(offset=at(1, 0.3)))])
     (finding,) = [f for f in diagnosis.findings if f.is_chosen]
-    assert finding.effect.id == "torque_offset" and finding.rivals == ("asymmetric_coulomb_friction",)
+    assert finding.effect.id == "torque_offset" and finding.competing_effects == ("asymmetric_coulomb_friction",)
     assert diagnosis.verdict == "ambiguous"
     answer = choose_next_experiment(diagnosis, find_open_question(diagnosis))
     # The friction contains the offset: motion can only make the larger model less probable, and no command is promised for that.
