@@ -13,17 +13,17 @@ import torch
 from np_policy.networks import mlp
 from np_training.ppo import distributed
 from np_training.ppo.config import PPOConfig
-from np_training.ppo.learner import Batch, Learner
-from np_training.ppo.networks import PreContactPolicy
+from np_training.ppo.learner import Learner, PolicySamples
+from np_training.ppo.networks import PreContactActor
 
 
 def learn(batch: tuple[torch.Tensor, ...]) -> tuple[dict, dict, float]:
     """Weights of policy and critic after an update, its statistics, and the learning rate."""
     torch.manual_seed(0)
-    policy = PreContactPolicy()
+    policy = PreContactActor()
     critic = mlp(18, (32,), 1)
     learner = Learner(policy, critic, PPOConfig(epochs=3, minibatches=1))
-    statistics = learner.update(Batch(*batch))
+    statistics = learner.update(PolicySamples(*batch))
     return {**policy.state_dict(), **critic.state_dict()}, statistics, learner.rate
 
 

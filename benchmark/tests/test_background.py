@@ -5,22 +5,22 @@ import pytest
 from sim2real.excitation.suite import READY, SECOND
 
 from np_blind.arm.evaluation.patched_arm import patched_physics
-from np_blind.arm.plant.blind_arm import Plant
+from np_blind.arm.plant.blind_arm import BatchedArms
 from np_blind.arm.plant.physics import nominal_physics
 from np_blind.arm.plant.rigid_arm import tcp_in_link7
 from np_blind.arm.sampling.background import MASS_ERROR
-from np_blind.arm.sampling.cases import Case, make_physics
+from np_blind.arm.sampling.cases import ArmCase, make_physics
 from np_blind.arm.sampling.faults import HAND, Fault
 from np_description.panda import NOMINAL
 
 
 def clean(count, seed=600):
-    return [Case(i, "null", (), (1, seed, 2, i)) for i in range(count)]
+    return [ArmCase(i, "null", (), (1, seed, 2, i)) for i in range(count)]
 
 
 def settled(physics, start=READY, command=0.0, periods=200):
     """(arms after so long under a command, torques that their drives gave last, gravity compensation included)."""
-    plant = Plant(physics, start, [np.random.default_rng(i) for i in range(len(physics))])
+    plant = BatchedArms(physics, start, [np.random.default_rng(i) for i in range(len(physics))])
     for _ in range(periods):
         plant.begin(plant.q, plant.dq)
         plant.step(np.broadcast_to(command, plant.q.shape))
@@ -45,7 +45,7 @@ def test_friction_goes_up_and_down_with_the_angle_and_holds_at_standstill():
         physics = nominal_physics(1)
         for name, value in changes.items():
             getattr(physics, name)[:] = value
-        plant = Plant(physics, READY, [np.random.default_rng(0)])
+        plant = BatchedArms(physics, READY, [np.random.default_rng(0)])
         plant.omega = np.full((1, 7), speed)
         for _ in range(2000):
             found = plant._resisting(np.zeros((1, 7)))
@@ -59,7 +59,7 @@ def test_friction_goes_up_and_down_with_the_angle_and_holds_at_standstill():
 
 
 def test_limits_are_of_all_that_a_drive_gives():
-    physics, (truth,) = make_physics([Case(0, "single", (Fault("torque_saturation", 3, 4.0),), (1, 600, 2, 0))])
+    physics, (truth,) = make_physics([ArmCase(0, "single", (Fault("torque_saturation", 3, 4.0),), (1, 600, 2, 0))])
     limit = truth[0]["limit"][0]
     physics.drive_noise[:] = 0.0
     physics.command_delay[:] = 0.0
@@ -73,7 +73,7 @@ def test_limits_are_of_all_that_a_drive_gives():
 
 def test_a_payload_is_anywhere_on_the_hand_and_inertia_has_axes_of_its_own():
     faults = Fault("payload", None, 5.0), Fault("link_inertia", 4, 3.0)
-    cases = [Case(i, "single", (f,), (1, 600, 2, 0)) for i, f in enumerate(faults)]
+    cases = [ArmCase(i, "single", (f,), (1, 600, 2, 0)) for i, f in enumerate(faults)]
     (loaded, turned), (mass, scale) = (make_physics(cases)[0].take([i]) for i in (0, 1)), make_physics(cases)[1]
     bare = make_physics(clean(1))[0]
     assert loaded.inertials.mass[0, 6] - bare.inertials.mass[0, 6] == pytest.approx(mass[0]["mass"][0])

@@ -9,11 +9,11 @@ from sim2real.report.task_sentences import hypothesis_text
 from sim2real.task.camera.flat_pose import fit_flat_pose
 from sim2real.task.camera.model import make_scene
 from sim2real.task.findings import hand_eye_offset_findings
-from sim2real.task.hypotheses import Finding, Hypothesis, HypothesisComparison
+from sim2real.task.hypotheses import Hypothesis, HypothesisComparison, TaskFinding
 from sim2real.task.suite.camera_rotation import prefer_rotation_over_translation
 from sim2real.task.suite.hand_eye_offset import HandEyeOffset
 
-from np_blind.camera.boxes import Case, Detector, Truth, places
+from np_blind.camera.boxes import CameraCase, Detector, Truth, places
 from np_description.camera import CAMERA
 from np_description.domains import BUMP
 
@@ -22,7 +22,7 @@ MOVED, TURNED = Truth(camera=(0.011, -0.009, 0.0)), Truth(turn=(-0.017, -0.016, 
 
 def shown(truth, seed):
     """Scene and poses of what is seen at twelve places, and m (2,) by which that is off."""
-    made = places(Case(truth, Detector(measured=None), BUMP, 12), np.random.default_rng(seed))
+    made = places(CameraCase(truth, Detector(measured=None), BUMP, 12), np.random.default_rng(seed))
     ways = [fit_flat_pose(place, CAMERA) for place in made]
     poses = np.array([way.pose for way in ways])
     middle = np.array([*np.median(poses[:, :2], axis=0), BUMP.half_size[2]])
@@ -41,7 +41,7 @@ def test_a_camera_that_is_turned_is_told_from_one_that_stands_elsewhere(seed):
 
 def test_what_corners_tell_comes_first_and_the_patch_has_it():
     off = {"x": ValueWithInterval(-0.011, -0.012, -0.010), "y": ValueWithInterval(0.010, 0.009, 0.011)}
-    named = HypothesisComparison("ambiguous", (Finding((Hypothesis("picture", ("picture",), off),), 9.0),), {}, ())
+    named = HypothesisComparison("ambiguous", (TaskFinding((Hypothesis("picture", ("picture",), off),), 9.0),), {}, ())
     met = HandEyeOffset("ambiguous", named, ())
     (place,), (turn,) = hand_eye_offset_findings(met), hand_eye_offset_findings(met, np.array([-0.017, -0.016]))
     assert place.hypotheses[0].patch == {"x": 0.011, "y": -0.010}

@@ -19,7 +19,7 @@ from sim2real.task.camera.model import linearise, make_scene
 from sim2real.task.camera.parameters import COUNT, EFFECTS, GAP, NAMES, USUAL
 from sim2real.task.camera.rest_poses import RestPose, read_rest_poses
 
-from np_blind.camera.boxes import DEGREE, Case, Detector, Truth, pixels, places, usual
+from np_blind.camera.boxes import DEGREE, CameraCase, Detector, Truth, pixels, places, usual
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, CARD, WALL, Pose, sample_pose
 from np_description.keypoints import box_keypoints
@@ -50,7 +50,7 @@ def seen_in(made):
 
 @pytest.mark.parametrize("domain", [CARD, BUMP], ids=lambda d: d.name)
 def test_the_model_is_that_of_a_camera_written_apart(domain):
-    made = places(Case(EVERYTHING, EXACT, domain, 6), np.random.default_rng(3))
+    made = places(CameraCase(EVERYTHING, EXACT, domain, 6), np.random.default_rng(3))
     seen, start = seen_in(made)
     found = evaluate_at(seen, EVERYTHING.numbers, start, 0.1)
     assert np.abs(found.left(seen)).max() < 1e-9
@@ -58,7 +58,7 @@ def test_the_model_is_that_of_a_camera_written_apart(domain):
 
 
 def test_derivatives_are_those_of_differences():
-    seen, poses = seen_in(places(Case(EVERYTHING, Detector(), BUMP, 5), np.random.default_rng(4)))
+    seen, poses = seen_in(places(CameraCase(EVERYTHING, Detector(), BUMP, 5), np.random.default_rng(4)))
     vector, step = EVERYTHING.numbers, 1e-6
     lines = linearise(seen, vector, poses)
 
@@ -76,7 +76,7 @@ def test_derivatives_are_those_of_differences():
 
 
 def test_poses_that_are_eliminated_leave_the_same_step_and_covariance():
-    seen, poses = seen_in(places(Case(Truth(), Detector(), CARD, 4), np.random.default_rng(5)))
+    seen, poses = seen_in(places(CameraCase(Truth(), Detector(), CARD, 4), np.random.default_rng(5)))
     search, d = _Search(seen, Prior(np.hypot(USUAL, GAP), np.arange(COUNT) % 2 == 0, np.ones(COUNT, bool))), COUNT
     lines = linearise(seen, np.zeros(d), poses)
     weights = search.weights(lines, 0.5, 4.0)
@@ -116,7 +116,7 @@ def test_how_it_lies_is_told_from_its_corners(domain):
 def test_what_is_off_is_found_within_its_interval(effect, domain):
     rng = np.random.default_rng([7, list(GAPS).index(effect), domain is CARD])
     truth = GAPS[effect] + usual(rng)
-    found = diagnose_camera(places(Case(truth, Detector(own=0.3), domain, 12), rng))
+    found = diagnose_camera(places(CameraCase(truth, Detector(own=0.3), domain, 12), rng))
     assert found.verdict in ("identified", "ambiguous"), found.abstention_reason
     ways = {way.name: way.estimates for one in found.findings for way in one.hypotheses}
     assert effect in ways
@@ -130,14 +130,14 @@ def test_what_is_off_is_found_within_its_interval(effect, domain):
 def test_where_nothing_is_off_nothing_is_named(detector):
     for seed in range(4):  # np_blind.camera.views counts over many
         rng = np.random.default_rng([8, seed])
-        found = diagnose_camera(places(Case(usual(rng), detector, (CARD, BUMP)[seed % 2], 8), rng))
+        found = diagnose_camera(places(CameraCase(usual(rng), detector, (CARD, BUMP)[seed % 2], 8), rng))
         assert found.verdict in ("no_gap", "undetermined") and not found.findings
         assert found.verdict == "no_gap" or detector is UNMEASURED
 
 
 def test_the_centre_of_the_image_and_a_bias_of_corners_are_one():
     rng = np.random.default_rng(9)
-    found = diagnose_camera(places(Case(GAPS["image_offset"] + usual(rng), Detector(), CARD, 12), rng))
+    found = diagnose_camera(places(CameraCase(GAPS["image_offset"] + usual(rng), Detector(), CARD, 12), rng))
     one = next(n for n in found.findings if "image_offset" in {way.name for way in n.hypotheses})
     assert set(EFFECTS["image_offset"].ids) == {"camera_intrinsics", "keypoint_bias"}
     assert found.verdict == "ambiguous" and any("marked by hand" in text for text in one.split_by)
@@ -157,7 +157,7 @@ def test_the_centre_of_the_image_and_a_bias_of_corners_are_one():
 def test_without_a_measured_pose_table_and_camera_are_a_class(truth, members, experiment):
     """A camera that is lower sees what it would if the table were higher: where the object was put down nobody has told."""
     sharp = replace(UNMEASURED, own=0.15, shared=0.05)
-    found = diagnose_camera(places(Case(truth, sharp, BUMP, 14), np.random.default_rng(10)))
+    found = diagnose_camera(places(CameraCase(truth, sharp, BUMP, 14), np.random.default_rng(10)))
     assert found.verdict == "ambiguous", found.abstention_reason
     classes = [{way.name for way in one.hypotheses} for one in found.findings]
     assert any(members <= one for one in classes), classes
@@ -165,7 +165,7 @@ def test_without_a_measured_pose_table_and_camera_are_a_class(truth, members, ex
 
 
 def test_with_a_measured_pose_the_table_is_no_longer_the_camera():
-    found = diagnose_camera(places(Case(Truth(height=0.006), Detector(), BUMP, 12), np.random.default_rng(11)))
+    found = diagnose_camera(places(CameraCase(Truth(height=0.006), Detector(), BUMP, 12), np.random.default_rng(11)))
     assert found.verdict == "identified" and [one.hypotheses[0].name for one in found.findings] == ["table_height"]
     size = found.findings[0].hypotheses[0].estimates["table_height"]
     assert size.low < 0.006 < size.high and size.high - size.low < 0.002
@@ -173,7 +173,7 @@ def test_with_a_measured_pose_the_table_is_no_longer_the_camera():
 
 @pytest.mark.parametrize("detector", [Detector(), UNMEASURED], ids=["measured", "unmeasured"])
 def test_too_few_places_tell_nothing_and_say_what_is_missing(detector):
-    made = places(Case(GAPS["camera_turn"], detector, CARD, 8), np.random.default_rng(12))
+    made = places(CameraCase(GAPS["camera_turn"], detector, CARD, 8), np.random.default_rng(12))
     near = [replace(made[0], pixels=made[0].pixels + 3.0 * n) for n in range(4)]
     for few, count in ((made[:1], 1), (made[:2], 2), ([made[0]] * 5, 1), (near, 4)):
         found = document(diagnose_camera(few))
@@ -186,9 +186,9 @@ def test_too_few_places_tell_nothing_and_say_what_is_missing(detector):
 @pytest.mark.parametrize(
     ("case", "words"),
     [
-        (Case(dent=0.012, domain=BUMP, count=12), "corner 3 is not where"),
-        (Case(moved=(5, Truth(turn=(1.0 * DEGREE, 1.0 * DEGREE, 0.0))), count=10), "was moved"),
-        (Case(detector=Detector(own=3.5), count=10), "px from view to view"),
+        (CameraCase(dent=0.012, domain=BUMP, count=12), "corner 3 is not where"),
+        (CameraCase(moved=(5, Truth(turn=(1.0 * DEGREE, 1.0 * DEGREE, 0.0))), count=10), "was moved"),
+        (CameraCase(detector=Detector(own=3.5), count=10), "px from view to view"),
     ],
     ids=["dented", "moved", "wild"],
 )
@@ -199,7 +199,7 @@ def test_what_it_has_no_word_for_is_unexplained(case, words):
 
 
 def test_places_where_it_does_not_lie_flat_are_left_out():
-    made = places(Case(count=8), np.random.default_rng(14))
+    made = places(CameraCase(count=8), np.random.default_rng(14))
     names = [place.name for place in made]
     swapped = replace(made[2], pixels=made[2].pixels[[3, 0, 7, 1, 5, 2, 4, 6]], position=None, rotation=None)
     lifted = replace(made[4], position=made[4].position + [0, 0, 0.2])
@@ -222,7 +222,7 @@ def test_a_patch_of_what_is_found_puts_corners_where_they_are_seen(tmp_path):
     """What a bridge's view makes of the patch is what was seen: the same axes, signs and order of the lens."""
     truth = GAPS["camera_place"] + GAPS["camera_turn"]
     made = places(
-        Case(truth, Detector(own=0.1, shared=0.0, measured=(1e-5, 1e-5)), BUMP, 12), np.random.default_rng(15)
+        CameraCase(truth, Detector(own=0.1, shared=0.0, measured=(1e-5, 1e-5)), BUMP, 12), np.random.default_rng(15)
     )
     found = document(diagnose_camera(made))
     (tmp_path / "patch.yaml").write_text(yaml.safe_dump({"effects": found["effects"]}))

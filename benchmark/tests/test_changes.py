@@ -14,7 +14,7 @@ from np_blind.arm.evaluation.scoring import score_case, summary
 from np_blind.arm.evaluation.tables import GOALS_OF_CHANGES, figures_table
 from np_blind.arm.plant.physics import nominal_physics
 from np_blind.arm.sampling.background import DAY_DELAY, DAY_FRICTION
-from np_blind.arm.sampling.cases import Case, baseline_case, draw_cases, make_physics
+from np_blind.arm.sampling.cases import ArmCase, baseline_case, draw_cases, make_physics
 from np_blind.arm.sampling.faults import EFFECTS, HELD, PEAK_TOTAL, SPARE, Fault, apply, largest, visible, widen
 from np_blind.arm.sampling.key import make_key
 from np_record.bag import Recording
@@ -24,7 +24,7 @@ WHICH = "development_changes"
 
 def both_days(faults=(), always=(), number=0):
     """(first day, second day, what changed) of one arm."""
-    case = Case(number, "single" if faults else "null", tuple(faults), (3, 600, 2, number), tuple(always), 2)
+    case = ArmCase(number, "single" if faults else "null", tuple(faults), (3, 600, 2, number), tuple(always), 2)
     after, (truth,) = make_physics([case])
     return make_physics([baseline_case(case)])[0], after, truth
 
@@ -89,7 +89,7 @@ def test_the_truth_of_a_change_is_against_the_arm_as_it_was():
     heavy = Fault("payload", None, 5.0)
     first, second, (given,) = both_days([Fault("link_inertia", 6, 4.0)], [heavy])
     turned = [np.trace(p.inertials.inertia[0, 6]) for p in (first, second)]
-    nominal = np.trace(make_physics([Case(0, "null", (), (3, 600, 2, 0))], False)[0].inertials.inertia[0, 6])
+    nominal = np.trace(make_physics([ArmCase(0, "null", (), (3, 600, 2, 0))], False)[0].inertials.inertia[0, 6])
     assert given["scale"][0] == pytest.approx((turned[1] - turned[0]) / nominal)
     first, second, (given,) = both_days([Fault("command_delay", None, 3.0)])
     assert given["delay"][0] == pytest.approx(second.command_delay[0] - first.command_delay[0])

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from sim2real.recordings.reading import load_log
 
-from np_blind.arm.evaluation.follow_up import could_settle, follow_up, is_settled, suggested_experiment
+from np_blind.arm.evaluation.follow_up import could_settle, follow_up, is_answered, suggested_experiment
 from np_blind.arm.generate import bag_path, make_bags
-from np_blind.arm.sampling.cases import Case
+from np_blind.arm.sampling.cases import ArmCase
 from np_blind.arm.sampling.faults import Fault
 from np_description.panda import JOINT_NAMES
 from np_record.bag import Recording
 
-CASE = Case(3, "single", (Fault("coulomb_friction", 6, 8.0),), (1, 2, 3))
+CASE = ArmCase(3, "single", (Fault("coulomb_friction", 6, 8.0),), (1, 2, 3))
 TRUTH = {"effect": "coulomb_friction", "component": "panda_joint7"}
 
 
@@ -72,7 +72,7 @@ def test_the_second_recording_is_of_the_same_arm_with_other_noise(tmp_path):
 
     follow_up(CASE, bag_path(tmp_path, 3), folder, ask)
     assert seen == [{"origin": "np_diagnosis blind test", "case": 3}]
-    assert is_settled({"kind": "single", "faults": [TRUTH]}, folder) is True
+    assert is_answered({"kind": "single", "faults": [TRUTH]}, folder) is True
     assert [path.name for path in (tmp_path / "bags").iterdir()] == ["case_003"]  # the second one is gone
 
 
@@ -80,7 +80,7 @@ def test_an_experiment_that_nobody_knows_is_no_answer(tmp_path):
     put(tmp_path, report(experiment="juggling"))
     follow_up(CASE, tmp_path / "bag", tmp_path, lambda *_: pytest.fail("nothing to ask about"))
     assert "expected one of" in (tmp_path / "next" / "error.txt").read_text()
-    assert is_settled({"kind": "single", "faults": [TRUTH]}, tmp_path) is False
+    assert is_answered({"kind": "single", "faults": [TRUTH]}, tmp_path) is False
 
 
 @pytest.mark.parametrize(
@@ -99,12 +99,12 @@ def test_an_experiment_that_nobody_knows_is_no_answer(tmp_path):
 def test_settled_means_sure_and_right(tmp_path, kind, verdict, effects, settled):
     put(tmp_path / "next", report(verdict, effects=effects))
     (tmp_path / "next" / "error.txt").write_text("")
-    assert is_settled({"kind": kind, "faults": [TRUTH] if kind == "single" else []}, tmp_path) is settled
+    assert is_answered({"kind": kind, "faults": [TRUTH] if kind == "single" else []}, tmp_path) is settled
     assert JOINT_NAMES[6] == TRUTH["component"]
 
 
 def test_cases_without_a_second_recording_are_not_counted(tmp_path):
-    assert is_settled({"kind": "null", "faults": []}, tmp_path) is None
+    assert is_answered({"kind": "null", "faults": []}, tmp_path) is None
 
 
 WRIST = {"component": TRUTH["component"]}

@@ -15,11 +15,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
 from sim2real.recordings.signals import Commands, Log
-from sim2real.simulation.simulated_arm import Plant, load_plant, panda_plant
+from sim2real.simulation.simulated_arm import ArmPlant, load_plant, panda_plant
 
 from np_blind.arm import generate
 from np_blind.arm.evaluation.patched_arm import patched_physics, read_patch
-from np_blind.arm.sampling.cases import Case, make_physics
+from np_blind.arm.sampling.cases import ArmCase, make_physics
 from np_blind.arm.sampling.faults import Fault
 from np_blind.baselines import compare as command
 from np_blind.baselines import methods as baselines
@@ -49,7 +49,7 @@ PERIOD = 0.002
 
 
 @pytest.fixture(scope="module")
-def plant(tmp_path_factory) -> Plant:
+def plant(tmp_path_factory) -> ArmPlant:
     path = tmp_path_factory.mktemp("arm") / "arm.xml"
     path.write_text(TWO_JOINTS)
     return replace(
@@ -214,7 +214,7 @@ def test_the_patch_of_a_panda_can_be_loaded_and_gives_its_parameters(tmp_path):
 
 @pytest.mark.slow
 def test_a_blind_bag_gives_patches_that_the_blind_test_can_follow(tmp_path, capsys):
-    case = Case(0, "single", (Fault("coulomb_friction", 6, 8.0),), (1, 2))
+    case = ArmCase(0, "single", (Fault("coulomb_friction", 6, 8.0),), (1, 2))
     level = make_physics([case])[1][0][0]["level"][0]
     generate.make_bags([case], ["sinusoid_7"], tmp_path)
     options = "--window 1.2 --windows 1 --generations 3 --population 5 --iterations 3 --threads 1".split()

@@ -34,7 +34,9 @@ def test_a_split_leaves_nothing_out_and_shares_nothing(sinusoid):
 
 def test_the_command_reports_error_parameters_and_time(sinusoid, monkeypatch, tmp_path, capsys):
     truth, recorded = sinusoid
-    monkeypatch.setattr(identify, "simulated", lambda seed: (recorded, [recorded[0].cut(slice(0, 1000))], truth))
+    monkeypatch.setattr(
+        identify, "simulate_recording", lambda seed: (recorded, [recorded[0].cut(slice(0, 1000))], truth)
+    )
     options = "--window 1.5 --windows 1 --generations 4 --population 6 --iterations 1 --simulate --threads 1"
     monkeypatch.setattr("sys.argv", ["identify", *options.split(), "--out", str(tmp_path)])
     identify.main()

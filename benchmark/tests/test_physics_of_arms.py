@@ -16,11 +16,11 @@ from np_blind.arm.evaluation.held_out_motion import LOST, gaps, motions
 from np_blind.arm.evaluation.patched_arm import patched_physics
 from np_blind.arm.evaluation.scoring import modules
 from np_blind.arm.loop import Diverged, make_targets, run
-from np_blind.arm.plant.blind_arm import PERIOD, Plant
+from np_blind.arm.plant.blind_arm import PERIOD, BatchedArms
 from np_blind.arm.plant.hysteresis import bouc_wen, lugre, prandtl
 from np_blind.arm.plant.physics import nominal_physics, stack
 from np_blind.arm.plant.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
-from np_blind.arm.sampling.cases import Case, draw_cases, make_physics
+from np_blind.arm.sampling.cases import ArmCase, draw_cases, make_physics
 from np_blind.arm.sampling.faults import EFFECTS, Fault, soften, visible
 from np_blind.arm.sampling.unknown_fault_kinds import LATER, NEWEST
 from np_blind.arm.sampling.unknown_faults import UNKNOWN_FAULTS
@@ -79,7 +79,7 @@ def energy(plant, physics):
 def test_a_free_arm_keeps_its_energy():
     """Gravity is compensated by the drives; nothing else gives or takes."""
     physics = free_arm()
-    plant = Plant(physics, READY, [np.random.default_rng(0)])
+    plant = BatchedArms(physics, READY, [np.random.default_rng(0)])
     plant.dq[:] = plant.omega[:] = [0.3, -0.2, 0.4, 0.3, -0.5, 0.4, 0.6]
     before = energy(plant, physics)
     for _ in range(500):
@@ -92,7 +92,7 @@ def test_a_free_arm_keeps_its_energy():
 def test_it_moves_as_mujoco_does_under_the_same_torque():
     """One second of torques, twice the integrator and step of each."""
     physics = nominal_physics(1)
-    plant = Plant(physics, READY, [np.random.default_rng(0)])
+    plant = BatchedArms(physics, READY, [np.random.default_rng(0)])
     model = load_model(CARD, timestep=2e-4)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("ready").id)
@@ -146,7 +146,7 @@ def test_friction_reaches_its_level_and_bouc_wen_its_limit():
 
 def test_a_joint_sticks_below_breakaway_and_slides_above():
     for torque, slides in ((0.8, False), (1.2, True)):
-        plant = Plant(nominal_physics(1), READY, [np.random.default_rng(0)])
+        plant = BatchedArms(nominal_physics(1), READY, [np.random.default_rng(0)])
         for _ in range(300):
             plant.begin(plant.q, plant.dq)
             plant.step(torque * NOMINAL.frictionloss[None] * (np.arange(7) == 3))
@@ -157,7 +157,7 @@ def test_a_joint_sticks_below_breakaway_and_slides_above():
 def test_a_delayed_command_gives_the_same_impulse_later(delay):
     physics = free_arm()
     physics.command_delay[:] = delay
-    plant = Plant(physics, READY, [np.random.default_rng(0)])
+    plant = BatchedArms(physics, READY, [np.random.default_rng(0)])
     impulse = moment = 0.0
     for k in range(8):
         plant.begin(plant.q, plant.dq)
@@ -181,9 +181,9 @@ def all_faults(size):
 
     faults = [Fault(e, joint(e), min(size, visible(e).largest)) for e in EFFECTS]
     faults += [Fault(s, 3 if 3 in places else places[0], size) for s, (_, places) in UNKNOWN_FAULTS.items()]
-    cases = [Case(0, "null", (), (5, 5))]
+    cases = [ArmCase(0, "null", (), (5, 5))]
     return cases + [
-        Case(i + 1, "single" if f.effect in EFFECTS else "stranger", (f,), (5, 5)) for i, f in enumerate(faults)
+        ArmCase(i + 1, "single" if f.effect in EFFECTS else "stranger", (f,), (5, 5)) for i, f in enumerate(faults)
     ]
 
 
@@ -206,16 +206,16 @@ def test_every_fault_moves_the_arm_or_its_sensors_and_none_breaks_the_loop():
 @pytest.mark.slow
 def test_later_kinds_out_of_the_catalogue_at_their_largest_leave_the_loop_stable_at_every_joint():
     faults = [Fault(name, joint, 10.0) for name, (_, joints) in (LATER | NEWEST).items() for joint in joints]
-    cases = [Case(i, "stranger", (fault,), (5, i)) for i, fault in enumerate(faults)]
+    cases = [ArmCase(i, "stranger", (fault,), (5, i)) for i, fault in enumerate(faults)]
     record, _, _ = short_run(cases, ("triangle_fast", "third_dwell"))
     error = np.abs(record.position - record.target)
     assert (error.max(axis=(0, 2)) < 0.3).all() and (error[-1].max(axis=1) < 0.5 * LIMITS.start_tolerance).all()
 
 
 def test_an_offset_pushes_the_way_that_patch_and_sim_bridge_say():
-    physics, ((truth,),) = make_physics([Case(0, "single", (Fault("torque_offset", 3, 12.0),), (5, 5))], False)
+    physics, ((truth,),) = make_physics([ArmCase(0, "single", (Fault("torque_offset", 3, 12.0),), (5, 5))], False)
     offset = truth["offset"][0]
-    plant = Plant(physics, READY, [np.random.default_rng(0)])
+    plant = BatchedArms(physics, READY, [np.random.default_rng(0)])
     for _ in range(100):
         plant.begin(plant.q, plant.dq)
         plant.step(np.zeros((1, 7)))
@@ -233,12 +233,12 @@ SOFT = ("backlash", "transmission_hysteresis", "joint_elasticity")
 def test_a_gear_at_any_joint_is_stable_in_every_posture(posture):
     """The link of the wrist alone is 5e-3 kg m^2: on a gear of 1e5 Nm/rad it swings at 700 Hz."""
     cases = [
-        Case(0, "single", (Fault(effect, joint, visible(effect).largest),), (5, 5))
+        ArmCase(0, "single", (Fault(effect, joint, visible(effect).largest),), (5, 5))
         for effect in SOFT
         for joint in range(7)
     ]
     physics, _ = make_physics(cases)
-    plant = Plant(physics, posture, [np.random.default_rng(0) for _ in cases])
+    plant = BatchedArms(physics, posture, [np.random.default_rng(0) for _ in cases])
     plant.dq[:] = plant.omega[:] = 0.3
     fastest = 0.0
     for _ in range(150):
@@ -255,7 +255,7 @@ def test_a_twisted_gear_holds_the_torque_that_twists_it():
     soften(physics, 0, 6, stiffness)
     # A spring pulls on the link, friction holds the rotor.
     physics.cable_stiffness[0, 6], physics.cable_centre[0, 6] = 50.0, READY[6] + 0.05
-    plant = Plant(physics, READY, [np.random.default_rng(0)])
+    plant = BatchedArms(physics, READY, [np.random.default_rng(0)])
     for _ in range(1000):
         plant.begin(plant.q, plant.dq)
         plant.step(np.zeros((1, 7)))
@@ -288,7 +288,7 @@ def test_arms_do_not_depend_on_their_batch():
 
 
 def test_the_nominal_arm_follows_and_shows_the_torque_that_was_asked_for():
-    cases = [Case(0, "null", (), (7, 7))]
+    cases = [ArmCase(0, "null", (), (7, 7))]
     record, targets, _ = short_run(cases, seeds=False, background=False)
     error = record.position[targets.first :, 0] - record.target[targets.first :, 0]
     assert np.abs(error).max() < 5e-3

@@ -19,10 +19,12 @@ def clean(case, alarm):
 
 
 def test_only_cases_of_which_one_is_right_count():
-    assert regression.paired([True] * 40, [True] * 40)[0] == 0.0
-    difference, (low, high) = regression.paired([True] * 40 + [False] * 2, [True] * 38 + [False] * 2 + [True] * 2)
+    assert regression.compare_paired([True] * 40, [True] * 40)[0] == 0.0
+    difference, (low, high) = regression.compare_paired(
+        [True] * 40 + [False] * 2, [True] * 38 + [False] * 2 + [True] * 2
+    )
     assert difference == 0.0 and low < 0 < high
-    difference, (low, high) = regression.paired([True] * 40, [True] * 30 + [False] * 10)
+    difference, (low, high) = regression.compare_paired([True] * 40, [True] * 30 + [False] * 10)
     assert difference == pytest.approx(-0.25) and high < -0.1 and low > -0.5
 
 

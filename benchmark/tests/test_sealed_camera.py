@@ -9,7 +9,7 @@ from sim2real.excitation.contact_suite.tip_path import Leg, make_segment
 
 from np_blind.camera.hand_in_view import hidden
 from np_blind.camera.quirks import Quirks, draw
-from np_blind.camera.simulated_camera import BREATH, SimulatedCamera, UnknownCameraFaults
+from np_blind.camera.simulated_camera import BREATH, DistortedCamera, UnknownCameraFaults
 from np_blind.task.cases import OUT_OF_CATALOGUE
 from np_blind.task.cases import draw as draw_cases
 from np_control.kinematics import forward_kinematics
@@ -33,7 +33,7 @@ def filmed(
     quirks=Quirks(), gap=Patch(), strange=UnknownCameraFaults(), seconds=1.5, way=(0.15, 0.0), q=NOMINAL.ready, seed=1
 ):
     """Stamps s (n,) and keypoints (n, 8, 3) of an object that goes at `way` m/s."""
-    film, found = SimulatedCamera(HALF, quirks, gap, seed, strange), []
+    film, found = DistortedCamera(HALF, quirks, gap, seed, strange), []
     for k in range(round(seconds * 500)):
         found += film.look(k * PERIOD, pose(k * PERIOD * 1e-9, way), q, k % IMAGE == 0)
     stamps, seen = zip(*found)
@@ -98,7 +98,7 @@ def test_a_hidden_corner_is_lost_or_found_beside_and_others_are_not():
     q = make_segment("over", over, [Leg(over + [0.0, 0.0, 0.01], 0.05)], 0.0).positions[0]
     position, rotation = forward_kinematics(q)
     finger = position + rotation @ [0.0, 0.0, BEYOND - 0.02]
-    film = SimulatedCamera(HALF, Quirks(lost=0.5, beneath=3.0), Patch(), 1)
+    film = DistortedCamera(HALF, Quirks(lost=0.5, beneath=3.0), Patch(), 1)
     behind = Pose(finger + 0.08 * (finger - CAMERA.position) / np.linalg.norm(finger - CAMERA.position), FLAT)
     corners = box_keypoints(HALF, behind.position, FLAT)
     covered = hidden(np.array(CAMERA.position), corners, position, rotation)

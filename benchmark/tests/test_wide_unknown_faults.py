@@ -8,12 +8,12 @@ from sim2real.excitation.suite import READY, make_suite
 
 from np_blind.arm.evaluation.scoring import modules
 from np_blind.arm.loop import make_targets, run
-from np_blind.arm.plant.blind_arm import PERIOD, Plant
+from np_blind.arm.plant.blind_arm import PERIOD, BatchedArms
 from np_blind.arm.plant.physics import nominal_physics
 from np_blind.arm.plant.rigid_arm import JOINTS
 from np_blind.arm.plant.unknown_fault_physics import UnknownFaultPhysics
 from np_blind.arm.plant.unknown_fault_physics_wide import ONSET, POWER, SHALLOW, measured_speed
-from np_blind.arm.sampling.cases import Case, draw_cases, make_physics
+from np_blind.arm.sampling.cases import ArmCase, draw_cases, make_physics
 from np_blind.arm.sampling.faults import Fault
 from np_blind.arm.sampling.unknown_fault_kinds_wide import WIDE
 from np_blind.arm.sampling.unknown_faults import BEFORE, OLD_BETWEEN, UNKNOWN_FAULTS, draw_unknown_faults
@@ -60,13 +60,13 @@ def test_wide_sets_draw_every_new_kind_before_an_old_one_and_few_of_those():
 
 
 def test_a_new_kind_of_no_size_leaves_the_arm_as_it_is():
-    clean, _ = make_physics([Case(0, "null", (), (1, 600, 2, 0))])
+    clean, _ = make_physics([ArmCase(0, "null", (), (1, 600, 2, 0))])
     faults = [Fault(name, joints[0], 0.0) for name, (_, joints) in WIDE.items()]
-    physics, _ = make_physics([Case(i, "stranger", (f,), (1, 600, 2, 0)) for i, f in enumerate(faults)])
+    physics, _ = make_physics([ArmCase(i, "stranger", (f,), (1, 600, 2, 0)) for i, f in enumerate(faults)])
     arms = [physics.take([i]) for i in range(len(faults))]
     ends = []
     for arm in [clean, *arms]:
-        plant = Plant(arm, READY, [np.random.default_rng(0)])
+        plant = BatchedArms(arm, READY, [np.random.default_rng(0)])
         for k in range(50):
             plant.begin(plant.q, plant.dq)
             plant.step(np.full((1, JOINTS), 0.8 * np.sin(0.3 * k)))
@@ -77,7 +77,7 @@ def test_a_new_kind_of_no_size_leaves_the_arm_as_it_is():
 def test_every_new_kind_changes_what_is_recorded():
     own = (1, 600, 2, 0)  # the same background for all
     faults = [Fault(name, joints[-1], 5.0) for name, (_, joints) in WIDE.items()]
-    cases = [Case(0, "null", (), own)] + [Case(i, "stranger", (f,), own) for i, f in enumerate(faults, 1)]
+    cases = [ArmCase(0, "null", (), own)] + [ArmCase(i, "stranger", (f,), own) for i, f in enumerate(faults, 1)]
     record = run(make_physics(cases)[0], make_targets(make_suite(["reference"])).until(4.0), None)
     for i, fault in enumerate(faults, 1):
         seen = [
@@ -89,7 +89,7 @@ def test_every_new_kind_changes_what_is_recorded():
 
 @pytest.mark.slow
 def test_new_kinds_at_their_largest_leave_the_loop_stable_at_every_joint():
-    cases = [Case(i, "stranger", (fault,), (1, 600, 2, 0)) for i, fault in enumerate(EVERYWHERE)]
+    cases = [ArmCase(i, "stranger", (fault,), (1, 600, 2, 0)) for i, fault in enumerate(EVERYWHERE)]
     record = run(make_physics(cases)[0], make_targets(make_suite(["triangle_fast", "third_dwell"])), None)
     error = np.abs(record.position - record.target)
     assert (error.max(axis=(0, 2)) < 0.3).all() and (error[-1].max(axis=1) < 0.5 * LIMITS.start_tolerance).all()
@@ -192,7 +192,7 @@ def test_a_snapping_cable_gives_back_no_more_than_it_holds(path):
 
 def test_rotors_that_share_a_gear_are_a_body_still_and_speed_is_shown_wrong_where_it_is():
     for joint in WIDE["coupled_rotors"][1]:
-        physics, _ = make_physics([Case(0, "stranger", (Fault("coupled_rotors", joint, 10.0),), (1, 600, 2, 0))])
+        physics, _ = make_physics([ArmCase(0, "stranger", (Fault("coupled_rotors", joint, 10.0),), (1, 600, 2, 0))])
         rotor = np.diag(NOMINAL.armature) + physics.rotor_coupling[0]
         assert np.linalg.eigvalsh(rotor).min() > 0 and np.array_equal(rotor, rotor.T)
         assert np.count_nonzero(physics.rotor_coupling) == 2

@@ -8,7 +8,7 @@ This file is all that it takes: what a patch says, what the simulated arm feels,
 from __future__ import annotations
 
 import numpy as np
-from sim2real.effects.effect import Effect, Quantity, Target
+from sim2real.effects.effect import Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import HookContext, ResistanceFunction
 from sim2real.effects.regressor import EffectRegressor, Parameter
@@ -52,7 +52,7 @@ def _pull(values: HookContext) -> ResistanceFunction:
 
 EFFECT = Effect(
     "steady_pull",
-    Target.ARM,
+    EffectTarget.ARM,
     FORCES,
     _regressors,
     joints=_pull,

@@ -24,7 +24,7 @@ from np_franka.robots import ROBOTS
 @pytest.fixture
 def start(start_robot):
     """A function that starts a driver, with or without a controller on board."""
-    from np_franka.arm import Arm
+    from np_franka.arm import FrankaArm
     from np_franka.driver import Driver
 
     reflex = FORCE_REFLEX
@@ -33,7 +33,7 @@ def start(start_robot):
 
     def started(onboard=None, **changes):
         _, parameters = start_robot()
-        arm = Arm(
+        arm = FrankaArm(
             partial(ROBOTS["fr3"].open, parameters["hostname"], enforce_realtime=False),
             reflex.torques(FR3_LIMITS.torque),
             reflex.wrench(),

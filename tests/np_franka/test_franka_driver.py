@@ -10,7 +10,7 @@ from np_control.impedance import STIFFNESS_MAX
 from np_control.safety import Refusal, State
 from np_description.force_reflex import FORCE_REFLEX
 from np_description.panda import JOINT_NAMES, NOMINAL
-from np_franka.arm import Arm
+from np_franka.arm import FrankaArm
 from np_franka.checklist import Checklist, RobotFacts
 from np_franka.client import MILLISECOND, ArmError, ArmReading, ConnectionLost
 from np_franka.driver import Driver
@@ -73,7 +73,7 @@ def started(robot, *, drift=0.0, **changes):
     """A driver that holds this robot, whose clock gains `drift` s/s on the host's."""
     checklist = Checklist("none", timedelta(days=1), STIFFNESS_MAX, np.ones(7), FR3_LIMITS)
     reflex = FORCE_REFLEX
-    arm = Arm(lambda: robot, reflex.torques(FR3_LIMITS.torque), reflex.wrench())
+    arm = FrankaArm(lambda: robot, reflex.torques(FR3_LIMITS.torque), reflex.wrench())
     driver = Driver(
         arm, FR3_LIMITS, replace(checklist, **changes), host_time=lambda: EPOCH + round(robot.time / (1 + drift))
     )

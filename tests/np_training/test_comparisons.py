@@ -9,8 +9,8 @@ import torch
 from np_description.domains import CARD, DOMAINS
 from np_training import train
 from np_training.ppo.curriculum import STAGES
-from np_training.ppo.log import Log, read_log
-from np_training.ppo.progress import Progress, describe
+from np_training.ppo.log import TrainingLog, read_log
+from np_training.ppo.progress import TrainingProgress, describe
 
 
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)
@@ -23,12 +23,12 @@ def test_training_is_for_the_share_of_the_tolerance_that_the_domain_aims_at(doma
 
 def test_a_log_survives_a_kill_and_new_columns(tmp_path):
     path = tmp_path / "log.csv"
-    log = Log(path)
+    log = TrainingLog(path)
     for iteration in (1, 2, 3):
         log.write({"iteration": iteration, "success": 0.1 * iteration})
     with path.open("a") as file:
         file.write("4,0.")  # killed in the middle of a row: no line end; looks like a whole row
-    log = Log(path)  # resumed from a checkpoint after iteration 2
+    log = TrainingLog(path)  # resumed from a checkpoint after iteration 2
     log.write({"iteration": 3, "lost": 0.5, "success": 0.9})
     log.write({"iteration": 4, "success": 0.95})
     rows = read_log(path)
@@ -106,7 +106,7 @@ def test_progress_names_what_is_going_on(domain, capsys):
     ):
         assert part in text
     assert ("tips1 0.25" in text) == (domain is not CARD)
-    progress = Progress()
+    progress = TrainingProgress()
     for _ in range(3):
         progress.show(row, 90)
     assert capsys.readouterr().err.count("\n") == 1  # no terminal: a line a minute

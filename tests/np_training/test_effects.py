@@ -10,7 +10,7 @@ import torch
 from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.arm_effects import ArmEffects
 from sim2real.effects.camera_effects import CameraEffects
-from sim2real.effects.effect import Target
+from sim2real.effects.effect import EffectTarget
 from sim2real.effects.gravity import GravityTorque
 from sim2real.effects.patch import Patch, PatchEffect, dump_patch
 
@@ -85,7 +85,7 @@ def test_link_inertia_reaches_the_model():
 def one_of(effect: str) -> PatchEffect:
     """The effect at a joint, or the arm, with each of its quantities a tenth up its range (of delays: some periods)."""
     record = ARM_EFFECTS[effect]
-    component = "arm" if record.target is Target.ARM else "panda_joint4"
+    component = "arm" if record.target is EffectTarget.ARM else "panda_joint4"
     return PatchEffect(effect, component, {q.name: _a_tenth(q) for q in record.quantities})
 
 
@@ -166,7 +166,7 @@ def test_policies_see_what_the_sensors_say():
 
 @pytest.mark.parametrize("effect", sorted(set(ARM_EFFECTS) - set(CARRIED)))
 def test_everything_else_is_refused_by_name(effect):
-    component = "arm" if ARM_EFFECTS[effect].target is Target.ARM else "panda_joint3"
+    component = "arm" if ARM_EFFECTS[effect].target is EffectTarget.ARM else "panda_joint3"
     patch = Patch((*PATCH.effects, PatchEffect(effect, component, {ARM_EFFECTS[effect].quantities[0].name: 0.01})))
     with pytest.raises(ValueError, match=f"got {effect} at {component}"):
         check_carried(patch)

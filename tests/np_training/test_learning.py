@@ -10,7 +10,7 @@ from torch import nn
 from np_policy.action import RESIDUAL_LIMITS_FINAL, RESIDUAL_LIMITS_INITIAL
 from np_training.ppo.config import PPOConfig
 from np_training.ppo.curriculum import STAGES, Curriculum, CurriculumConfig, stage_limits
-from np_training.ppo.learner import STATISTICS, Batch, Learner, advantages
+from np_training.ppo.learner import STATISTICS, Learner, PolicySamples, advantages
 from np_training.ppo.networks import distribution
 from np_training.tasks.rewards import RewardConfig
 
@@ -46,7 +46,7 @@ def batch_of(policy, action, advantage, ratio=1.0, returns=None):
     with torch.no_grad():
         now = distribution(policy, state).log_prob(action).sum(-1)
     returns = torch.zeros(len(action)) if returns is None else returns
-    return Batch(state, state, action, now - torch.as_tensor(ratio).log(), advantage, returns)
+    return PolicySamples(state, state, action, now - torch.as_tensor(ratio).log(), advantage, returns)
 
 
 def gradients(policy, batch, config=PLAIN, critic=None):

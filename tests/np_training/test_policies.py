@@ -26,7 +26,7 @@ from np_training.ppo import curriculum
 from np_training.ppo import learner as ppo
 from np_training.ppo.config import TrainConfig
 from np_training.ppo.distillation import Student, distil, shares_with
-from np_training.ppo.networks import ActorCritic, PreContactPolicy, sample
+from np_training.ppo.networks import ActorCritic, PreContactActor, sample
 from np_training.ppo.trainer import Trainer
 from np_training.reports.releasing import without_optimisers
 from np_training.tasks import kinds, practice
@@ -43,7 +43,7 @@ def environment() -> Environment:
     """A small environment; its kernels compile once and stay in Warp's cache."""
     env = Environment(CARD, "cpu", EnvironmentConfig(worlds=WORLDS, limit=6))
     torch.manual_seed(0)
-    env.starts = env.draw_starts(PreContactPolicy(), 128)
+    env.starts = env.draw_starts(PreContactActor(), 128)
     env.reset(torch.arange(WORLDS))
     return env
 
@@ -125,7 +125,7 @@ def test_contacts_keep_the_fingers_off_the_chosen_face(domain, hand):
 def test_most_contacts_of_an_untrained_policy_can_be_reached(domain):
     torch.manual_seed(0)
     objects, goals = sample_tasks(domain, 2000, torch.Generator().manual_seed(6))
-    action, _ = PreContactPolicy().act(pre_contact_state(objects, goals))
+    action, _ = PreContactActor().act(pre_contact_state(objects, goals))
     _, normal = contact.surface_point(domain, action.clamp(-1, 1)[:, 6:], objects)
     feasible, side = contact.resolve(domain, action, objects).feasible, normal[:, 2].abs() < 0.5
     assert 0.2 < side.float().mean() < 0.6
@@ -248,7 +248,7 @@ def test_a_contact_inside_the_table_is_refused():
 
 
 def test_a_pool_without_contacts_says_so(environment):
-    environment_starts = environment.draw_starts(PreContactPolicy(), 16)
+    environment_starts = environment.draw_starts(PreContactActor(), 16)
     nowhere = dataclasses.replace(environment_starts.contacts, feasible=torch.zeros(16, dtype=torch.bool))
     with pytest.raises(ValueError, match="at least one feasible contact among 16, found none"):
         dataclasses.replace(environment_starts, contacts=nowhere).take(3)
@@ -376,7 +376,9 @@ def test_rows_that_fill_a_minibatch_up_count_for_nothing():
         state = torch.randn(100, PRE_STATE_SIZE)
         action, log_probability = sample(networks.pre, state)
         figures = learner.update(
-            ppo.Batch(state, state, action.detach(), log_probability.detach(), torch.randn(100), torch.randn(100))
+            ppo.PolicySamples(
+                state, state, action.detach(), log_probability.detach(), torch.randn(100), torch.randn(100)
+            )
         )
         return [p.detach() for p in networks.parameters()], figures
 
@@ -407,7 +409,7 @@ def test_student_output_and_pose_are_inverse():
 
 def test_distillation_brings_the_student_to_the_teacher():
     torch.manual_seed(5)
-    teacher = PreContactPolicy()
+    teacher = PreContactActor()
     _, start = distil(CARD, teacher, "cpu", minutes=0, batch=256, steps=5)
     _, end = distil(CARD, teacher, "cpu", minutes=0, batch=256, steps=400)
     assert end["position_mm"] < 0.6 * start["position_mm"]
@@ -429,7 +431,7 @@ def test_a_student_may_learn_of_practice_that_sinks_no_obstacle():
     assert shares_with(CARD, 0.4) == (1.0,)  # which has no practice
     assert shares_with(BUMP, 0.0) == (1.0,) + (0.0,) * (len(kinds) - 1)
     torch.manual_seed(6)
-    teacher = PreContactPolicy()
+    teacher = PreContactActor()
     _, start = distil(BUMP, teacher, "cpu", minutes=0, batch=128, steps=5, practice=0.4)
     _, end = distil(BUMP, teacher, "cpu", minutes=0, batch=128, steps=400, practice=0.4)
     assert end["position_mm"] < 0.6 * start["position_mm"]

@@ -15,7 +15,7 @@ from np_policy.weights import WeightsError, load, save, sha256
 from np_training.episodes.evaluation import rate, read_checkpoint
 from np_training.ppo.config import PPOConfig
 from np_training.ppo.learner import Learner
-from np_training.ppo.log import Log, read_log
+from np_training.ppo.log import TrainingLog, read_log
 from np_training.ppo.networks import ActorCritic
 from np_training.report import read_run, write_report
 from np_training.reports.curves import WINDOW, reached
@@ -47,7 +47,7 @@ def folder(tmp_path):
     """A run of 40 iterations whose success rises to 1, as train and evaluate leave it."""
     path = tmp_path / "bump"
     path.mkdir()
-    log = Log(path / "log.csv")
+    log = TrainingLog(path / "log.csv")
     for k in range(1, 41):
         log.write(
             {

@@ -43,10 +43,6 @@ WORDS = {
 """Words, between underscores or capitals, that no public function or class has in its name."""
 
 ALLOWED = {
-    "np_blind.arm.evaluation.follow_up.is_settled",
-    "np_blind.arm.regression.paired",
-    "np_blind.arm.regression.unpaired",
-    "np_blind.baselines.identify.simulated",
     "np_training.bench.measuring.measured",
     "np_training.bench.measuring.visited",
     "np_training.detector.scenes.turned",
@@ -59,29 +55,6 @@ ALLOWED = {
     "np_training.tasks.practice.scaled",
 }
 """Functions and classes that are still to be renamed. This set only shrinks."""
-
-SHARED = {
-    "Ambiguity",
-    "Arm",
-    "Batch",
-    "Case",
-    "Chain",
-    "Finding",
-    "HeldOut",
-    "Log",
-    "Plant",
-    "PreContactPolicy",
-    "Progress",
-    "Recording",
-    "Run",
-    "Samples",
-    "SimulatedCamera",
-    "Stage",
-    "Target",
-    "TrainConfig",
-    "Trainer",
-}
-"""Class names that are still defined more than once. This set only shrinks."""
 
 
 def definitions() -> list[tuple[str, ast.FunctionDef | ast.ClassDef]]:
@@ -131,7 +104,7 @@ def test_public_names_use_no_word_of_the_list():
 
 
 def test_a_class_name_is_defined_once():
-    assert shared() - SHARED == set()
+    assert shared() == set()
 
 
 @pytest.mark.parametrize("name, found", [("settled", True), ("run_seen_by", True), ("TaskDiagnosis", False)])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.arm_effects import ArmEffects
 from sim2real.effects.catalogue import ROW, catalogue, equivalence_classes
-from sim2real.effects.effect import ARM, Effect, Target
+from sim2real.effects.effect import ARM, Effect, EffectTarget
 from sim2real.effects.gravity import GravityTorque
 from sim2real.effects.patch import Patch, PatchEffect, load_patch
 from sim2real.effects.registry import MODULES, find_arm_effects
@@ -23,7 +23,7 @@ every = pytest.mark.parametrize("record", ARM_EFFECTS.values(), ids=list(ARM_EFF
 
 
 def component(record: Effect) -> str:
-    return ARM if record.target is Target.ARM else "panda_joint4"
+    return ARM if record.target is EffectTarget.ARM else "panda_joint4"
 
 
 @every
@@ -33,7 +33,7 @@ def test_a_record_is_complete(record):
     for q in record.quantities:
         assert q.lower < q.upper and q.lower <= 0 <= q.upper and q.unit
     seen = record.detection_limit
-    places = {Target.ARM: False, Target.JOINT: True, Target.LINK: True}
+    places = {EffectTarget.ARM: False, EffectTarget.JOINT: True, EffectTarget.LINK: True}
     assert bool(seen.joints) is places[record.target] and seen.largest > 1
     assert np.all(np.array(seen.limit) > 0) and np.size(seen.limit) == (7 if seen.joints else 1)
 

@@ -7,7 +7,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim2real.effects import ARM_EFFECTS
-from sim2real.effects.effect import Target
+from sim2real.effects.effect import EffectTarget
 from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
 
 from np_description.domains import CARD
@@ -21,7 +21,9 @@ joints = st.sampled_from(NOMINAL.joints)
 def effects(draw):
     record = ARM_EFFECTS[draw(st.sampled_from(sorted(ARM_EFFECTS)))]
     values = {q.name: draw(st.floats(q.lower, q.upper)) for q in record.quantities if draw(st.booleans())}
-    return PatchEffect(record.id, draw(joints if record.target is Target.LINK else joints | st.just("arm")), values)
+    return PatchEffect(
+        record.id, draw(joints if record.target is EffectTarget.LINK else joints | st.just("arm")), values
+    )
 
 
 @settings(deadline=None, max_examples=60)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 from sim2real.effects import ARM_EFFECTS
-from sim2real.effects.effect import Effect, Quantity, Target
+from sim2real.effects.effect import Effect, EffectTarget, Quantity
 from sim2real.effects.sentences import ValueWithInterval, describe_effect, template_fields
 from sim2real.report.next_steps import suggest_next_steps
 from sim2real.report.sentence import sentence
@@ -19,12 +19,14 @@ SIMULATOR = "the simulator"
 def test_every_effect_of_ours_has_a_phrase_of_its_own_quantities(record):
     assert template_fields(record.sentence_template) <= {q.name for q in record.quantities} | {"at", "nominal"}
     assert template_fields(record.sentence_template) & {q.name for q in record.quantities}
-    component = "arm" if record.target is Target.ARM else "panda_joint3"
+    component = "arm" if record.target is EffectTarget.ARM else "panda_joint3"
     words = describe_effect(
         record, component, {q.name: ValueWithInterval(0.2, 0.19, 0.21) for q in record.quantities}, SIMULATOR
     )
     assert "{" not in words and "_" not in words and not words.endswith(".")
-    assert record.target is Target.ARM or f"{'link' if record.target is Target.LINK else 'joint'} 3" in words
+    assert (
+        record.target is EffectTarget.ARM or f"{'link' if record.target is EffectTarget.LINK else 'joint'} 3" in words
+    )
 
 
 @pytest.mark.parametrize(
@@ -45,7 +47,7 @@ def test_a_number_has_the_digits_of_its_interval(value, spec, text):
 
 
 def test_an_effect_without_a_phrase_says_its_name_and_numbers():
-    own = Effect("steady_pull", Target.ARM, (Quantity("force_x", "N", -9, 9),), lambda context: [])
+    own = Effect("steady_pull", EffectTarget.ARM, (Quantity("force_x", "N", -9, 9),), lambda context: [])
     assert (
         describe_effect(own, "arm", {"force_x": ValueWithInterval(3.0, 2.9, 3.1)}, SIMULATOR)
         == "the arm has steady pull: force x 3.0 N (2.9 to 3.1)"

@@ -15,7 +15,7 @@ from sim2real.report.task_document import check_schema, document
 from sim2real.report.task_page import render
 from sim2real.task import findings as made
 from sim2real.task.diagnosis import MODULES, NOT_SEEN, TaskRecordings, diagnose_task, make_patch
-from sim2real.task.hypotheses import Finding, Hypothesis, HypothesisComparison
+from sim2real.task.hypotheses import Hypothesis, HypothesisComparison, TaskFinding
 from sim2real.task.keypoint_noise import KeypointNoise, visible_noise_effects
 from sim2real.task.keypoint_track import KeypointTrack
 from sim2real.task.object_motion.prediction import removed_share
@@ -114,7 +114,7 @@ def test_faces_that_no_place_explains_are_unexplained():
 
 def felt(height):
     bounds = {"height": ValueWithInterval(height, height - 4e-4, height + 4e-4)}
-    found = (Finding((Hypothesis("table_height", ("table_height",), bounds),), 50.0),) if height else ()
+    found = (TaskFinding((Hypothesis("table_height", ("table_height",), bounds),), 50.0),) if height else ()
     return SurfaceContactResult("identified" if found else "no_gap", HypothesisComparison("", found, bounds, ()), ())
 
 
@@ -126,7 +126,7 @@ def seen_either(height):
     camera = Hypothesis(
         "camera_place", ("camera_extrinsics",), {"camera_z": ValueWithInterval(-height, -height, -height)}
     )
-    return Finding((camera, table), 20.0, "view")
+    return TaskFinding((camera, table), 20.0, "view")
 
 
 def test_the_hand_tells_a_higher_table_from_a_lower_camera():
@@ -135,7 +135,7 @@ def test_the_hand_tells_a_higher_table_from_a_lower_camera():
     touched = made.contact_findings(felt(0.008), "touch")
     (one,) = made.resolve_conflicts([seen_either(0.008), *touched], felt(0.008))
     assert one.source == "touch" and one.hypotheses[0].module == "table"
-    off = Finding((Hypothesis("camera_turn", ("camera_extrinsics",), {}, {"turn_x": 0.01}),), 9.0, "meeting")
+    off = TaskFinding((Hypothesis("camera_turn", ("camera_extrinsics",), {}, {"turn_x": 0.01}),), 9.0, "meeting")
     assert {c.source for c in made.resolve_conflicts([seen_either(0.008), off, *touched], felt(0.008))} == {
         "touch",
         "meeting",
@@ -190,7 +190,7 @@ def test_a_late_image_is_patched_though_its_class_is_not_split():
 @pytest.mark.parametrize("other, is_given", [("camera_extrinsics", True), ("keypoint_bias", False)])
 def test_one_effect_is_patched_though_place_and_turn_are_not_told_apart(other, is_given):
     turn = Hypothesis("camera_turn", ("camera_extrinsics",), {}, {"turn_y": 0.015})
-    claim = Finding((turn, Hypothesis("other", (other,), {}, {"x": 0.01})), 9.0, "view")
+    claim = TaskFinding((turn, Hypothesis("other", (other,), {}, {"x": 0.01})), 9.0, "view")
     found = diagnose_task(TaskRecordings((), (still(),), ()))
     rows = [
         replace(row, verdict="identified", findings=(claim,), share=1.0) if row.module == "camera" else row

@@ -23,7 +23,7 @@ PHYSICS_STEPS = 20  # a policy step, where the configuration does not say
 
 
 @dataclass(frozen=True)
-class Run:
+class TrainingRun:
     """A training run's folder, read: rows of the log, configuration, evaluations (dicts), videos (files)."""
 
     path: Path
@@ -70,14 +70,14 @@ class Run:
         return facts
 
 
-def read_run(path: Path) -> Run:
+def read_run(path: Path) -> TrainingRun:
     """Read a run's folder. Raises ValueError where there is no log or it is empty."""
     log = path / "log.csv"
     rows = read_log(log)
     if not rows:
         raise ValueError(f"run {path}: expected log.csv with a row, found {'none in it' if log.exists() else 'no log'}")
     config, lines = path / "config.json", path / "evaluation.jsonl"
-    return Run(
+    return TrainingRun(
         path,
         rows,
         json.loads(config.read_text()) if config.exists() else {},
@@ -86,7 +86,7 @@ def read_run(path: Path) -> Run:
     )
 
 
-def write_report(run: Run, path: Path) -> None:
+def write_report(run: TrainingRun, path: Path) -> None:
     """Write the report of a run."""
     videos = [(file.stem, base64.b64encode(file.read_bytes()).decode()) for file in run.videos]
     config = json.dumps(run.config, indent=1)

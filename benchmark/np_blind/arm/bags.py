@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from sim2real.excitation.suite import TICK_NS
 
-from np_blind.arm.loop import Run, Targets
+from np_blind.arm.loop import RecordedRun, Targets
 from np_control.safety import LIMITS
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, IDLE, PhaseState
@@ -37,7 +37,7 @@ TOPICS = tuple(
 Messages = Iterator[tuple[int, str, bytes]]
 
 
-def write_bag(path: Path, run: Run, arm: int, targets: Targets, begin: int, information: Mapping) -> None:
+def write_bag(path: Path, run: RecordedRun, arm: int, targets: Targets, begin: int, information: Mapping) -> None:
     """Write one arm's recording to the new folder `path`; begin: stamp, ns, of its first state."""
     count = len(targets)
     stamps = begin + LIMITS.period_ns * np.arange(count, dtype=np.int64)

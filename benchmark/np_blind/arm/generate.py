@@ -20,7 +20,7 @@ from sim2real.excitation.suite import make_suite
 
 from np_blind.arm import six_motion
 from np_blind.arm.loop import Targets, make_targets, run_stable_arms
-from np_blind.arm.sampling.cases import SETS, Case, baseline_case, draw_cases, make_physics
+from np_blind.arm.sampling.cases import SETS, ArmCase, baseline_case, draw_cases, make_physics
 from np_blind.arm.sampling.changes import SECOND_DAY
 from np_blind.arm.sampling.key import make_key
 from np_blind.sealed import digest
@@ -31,7 +31,7 @@ BATCH = 25  # arms moved at once, at most: 30 MB each
 LATER = 86_400 * 1_000_000_000  # ns, from the first day to the second
 
 
-def batches(cases: Sequence[Case], jobs: int) -> list[list[Case]]:
+def batches(cases: Sequence[ArmCase], jobs: int) -> list[list[ArmCase]]:
     """The cases, shared among so many processes."""
     size = min(BATCH, -(-len(cases) // jobs))
     return [list(cases[k : k + size]) for k in range(0, len(cases), size)]
@@ -47,7 +47,7 @@ def reference_path(out: Path, number: int) -> Path:
     return out / "references" / f"case_{number:03d}"
 
 
-def make_bags(cases: Sequence[Case], only: Sequence[str], out: Path) -> dict[int, str]:
+def make_bags(cases: Sequence[ArmCase], only: Sequence[str], out: Path) -> dict[int, str]:
     """Move the arms of some cases through the suite and write their bags; of those of two days those of the first before.
 
     By the number of each case, what went wrong; "" where its bag is written. An arm that runs away has none,
@@ -59,7 +59,7 @@ def make_bags(cases: Sequence[Case], only: Sequence[str], out: Path) -> dict[int
     return lost | _record([case for case in cases if case.number not in lost], targets, bag_path, out)
 
 
-def _record(cases: Sequence[Case], targets: Targets, path: Callable[[Path, int], Path], out: Path) -> dict[int, str]:
+def _record(cases: Sequence[ArmCase], targets: Targets, path: Callable[[Path, int], Path], out: Path) -> dict[int, str]:
     from np_blind.arm.bags import write_bag  # slow: no --help should wait for it
 
     if not cases:

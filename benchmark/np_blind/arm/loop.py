@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from sim2real.excitation.suite import READY, Segment, end_stamp, schedule_starts
 
-from np_blind.arm.plant.blind_arm import PERIOD, Plant
+from np_blind.arm.plant.blind_arm import PERIOD, BatchedArms
 from np_blind.arm.plant.physics import Physics
 from np_blind.arm.plant.rigid_arm import JOINTS
 from np_blind.arm.plant.unknown_fault_physics import eccentric_encoder_error, encoder_slip
@@ -95,7 +95,7 @@ def make_targets(plan: Sequence[Segment]) -> Targets:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class RecordedRun:
     """Recordings of B arms, all (n, B, 7): measured position, velocity and effort; angle and speed of the
     motors; target position and velocity; command, of the state with the same row; applied: what the backend's
     guards let through, held from lost packets on.
@@ -117,7 +117,7 @@ def run(
     targets: Targets,
     seeds: Sequence[Sequence[int]] | None,
     progress: Callable[[int], None] = lambda _: None,
-) -> Run:
+) -> RecordedRun:
     """Move the arms through the targets. seeds: of each arm's noise; None for sensors without any.
 
     progress(row) is called now and then. Raises Diverged.
@@ -125,12 +125,12 @@ def run(
     arms, count = len(physics), len(targets)
     roots = seeds if seeds is not None else [[i] for i in range(arms)]
     streams, chances = ([np.random.default_rng([*root, k]) for root in roots] for k in (1, 2))
-    plant = Plant(physics, READY, chances)
+    plant = BatchedArms(physics, READY, chances)
     sensors = Sensors(physics, streams if seeds is not None else None)
     keep = (
         1.0 if not physics.filter_time.any() else 1.0 - np.exp(-PERIOD / np.maximum(physics.filter_time, 1e-9))[:, None]
     )
-    record = Run(*(np.empty((count, arms, JOINTS)) for _ in range(9)))
+    record = RecordedRun(*(np.empty((count, arms, JOINTS)) for _ in range(9)))
     torque = filtered = np.zeros((arms, JOINTS))
     for row in range(count):
         q, dq, effort, theta, omega = sensors.read(plant)
@@ -171,7 +171,7 @@ def run(
 
 def run_stable_arms(
     physics: Physics, targets: Targets, seeds: Sequence[Sequence[int]] | None
-) -> tuple[Run | None, list[int], dict[int, float]]:
+) -> tuple[RecordedRun | None, list[int], dict[int, float]]:
     """(recording of the arms that stay, their rows in `physics`, s after which each other row ran away).
 
     An arm that runs away leaves the others as they are; None where all do. Arguments as of `run`.
@@ -206,7 +206,7 @@ class Sensors:
         self._slow = np.zeros((arms, self._joints))
         self._noise = np.zeros((CHUNK, arms, 5, self._joints))
 
-    def read(self, plant: Plant) -> tuple[np.ndarray, ...]:
+    def read(self, plant: BatchedArms) -> tuple[np.ndarray, ...]:
         """(angle, speed, effort, motor angle, motor speed), each (B, 7)."""
         p = self._physics
         q, dq, theta, omega = self._late(plant)
@@ -221,7 +221,7 @@ class Sensors:
         effort = plant.torque + self._torque_noise * (noise[:, 3] + self._slow)
         return q, dq, effort, theta + ANGLE_NOISE * noise[:, 4], omega + SPEED_NOISE * noise[:, 1]
 
-    def _late(self, plant: Plant) -> tuple[np.ndarray, ...]:
+    def _late(self, plant: BatchedArms) -> tuple[np.ndarray, ...]:
         """Angle and speed of links, then of motors, `measurement_delay` ago."""
         delay = self._physics.measurement_delay
         if not delay.any():

@@ -29,7 +29,7 @@ FIGURES: tuple[tuple[str, str, Callable[[Score], Sequence[bool | None]], bool], 
 )
 
 
-def paired(former: Sequence[bool], now: Sequence[bool]) -> tuple[float, tuple[float, float]]:
+def compare_paired(former: Sequence[bool], now: Sequence[bool]) -> tuple[float, tuple[float, float]]:
     """(difference, its 95 % interval) of two rates of the same n > 0 cases (Agresti and Min, Statistics in Medicine 2005)."""
     gained, lost = (sum(a and not b for a, b in zip(*two)) for two in ((now, former), (former, now)))
     count, difference = len(now) + 2, gained - lost
@@ -37,7 +37,7 @@ def paired(former: Sequence[bool], now: Sequence[bool]) -> tuple[float, tuple[fl
     return difference / len(now), (max(-1.0, (difference - error) / count), min(1.0, (difference + error) / count))
 
 
-def unpaired(former: Sequence[bool], now: Sequence[bool]) -> tuple[float, tuple[float, float]]:
+def compare_unpaired(former: Sequence[bool], now: Sequence[bool]) -> tuple[float, tuple[float, float]]:
     """The same of answers that are not of the same questions (Newcombe, Statistics in Medicine 1998, method 10)."""
     (a, low, high), (b, least, most) = ((sum(x) / len(x), *wilson_interval(sum(x), len(x))) for x in (former, now))
     under, over = ((b - least) ** 2 + (high - a) ** 2) ** 0.5, ((most - b) ** 2 + (a - low) ** 2) ** 0.5
@@ -55,7 +55,7 @@ def compare(former: Iterable[Score], now: Iterable[Score]) -> list[dict]:
         one, other = ([bool(x) for n in kept for x in answers(scores[n])] for scores in (before, after))
         if not one or not other:
             continue
-        difference, ci95 = (paired if is_paired else unpaired)(one, other)
+        difference, ci95 = (compare_paired if is_paired else compare_unpaired)(one, other)
         right = [[x is more_is_better for x in values] for values in (one, other)]
         rows.append(
             {

@@ -19,14 +19,14 @@ from pathlib import Path
 
 from np_blind.arm.evaluation import baselines as others
 from np_blind.arm.evaluation.dry_run import check_diagnosis_runs
-from np_blind.arm.evaluation.follow_up import could_settle, is_settled
+from np_blind.arm.evaluation.follow_up import could_settle, is_answered
 from np_blind.arm.evaluation.held_out_motion import heldout_gaps
 from np_blind.arm.evaluation.jobs import DiagnosisJob, diagnose_cases, is_diagnosed, report_path
 from np_blind.arm.evaluation.patched_arm import PatchError, patched_physics, read_patch
 from np_blind.arm.evaluation.scoring import Score, score_case, score_gap, summary
 from np_blind.arm.evaluation.tables import failures_table, figures_table, plot
 from np_blind.arm.generate import add_options, batches
-from np_blind.arm.sampling.cases import CHANGES, Case, draw_cases
+from np_blind.arm.sampling.cases import CHANGES, ArmCase, draw_cases
 from np_blind.arm.sampling.key import make_key, seal
 from np_blind.sealed import SealError, check_diagnosis_code, check_hash, digest
 from np_common.cli import Parser
@@ -62,7 +62,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     return options
 
 
-def score(cases: Sequence[Case], entries: Sequence[dict], options: argparse.Namespace, pool: Executor) -> list[Score]:
+def score(
+    cases: Sequence[ArmCase], entries: Sequence[dict], options: argparse.Namespace, pool: Executor
+) -> list[Score]:
     """Score the answered cases against their entries of the key."""
     scores, patches = [], []
     for entry in entries:
@@ -78,7 +80,7 @@ def score(cases: Sequence[Case], entries: Sequence[dict], options: argparse.Name
         except (OSError, PatchError, ArithmeticError, LookupError, TypeError, ValueError) as problem:
             patch = []
             scores.append(score_case(entry, None, repr(problem)))
-        scores[-1].settled = is_settled(entry, folder)
+        scores[-1].settled = is_answered(entry, folder)
         scores[-1].settled_known = scores[-1].settled if could_settle(entry, folder) else None
         patches.append(patch)
     if options.which in CHANGES:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from np_blind.arm.loop import Sensors
-from np_blind.arm.plant.blind_arm import PERIOD, Plant
+from np_blind.arm.plant.blind_arm import PERIOD, BatchedArms
 from np_blind.arm.plant.physics import Physics
 from np_blind.arm.sampling.six_hinges import READY, TORQUE_NOISE, chain
 
@@ -44,7 +44,7 @@ def record(physics: Physics, seeds: Sequence[Sequence[int]], paths: Sequence[Pat
     """
     position, speed, acceleration = targets()
     streams, chances = ([np.random.default_rng([*seed, k]) for seed in seeds] for k in (1, 2))
-    plant = Plant(physics, READY, chances, chain())
+    plant = BatchedArms(physics, READY, chances, chain())
     sensors = Sensors(physics, streams, TORQUE_NOISE)
     shown = np.empty((3, len(position), len(physics), len(READY)))
     lost: dict[int, float] = {}

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 from sim2real.recordings.signals import Log
-from sim2real.simulation.simulated_arm import Plant
+from sim2real.simulation.simulated_arm import ArmPlant
 
 from np_control.impedance import damping
 from np_control.impedance import torque as impedance_torque
@@ -138,7 +138,7 @@ class Replay:
     threads: 0 for all cores. Raises ValueError for stretches of another arm or period.
     """
 
-    def __init__(self, plant: Plant, recorded: list[Stretch], threads: int = 0):
+    def __init__(self, plant: ArmPlant, recorded: list[Stretch], threads: int = 0):
         self.plant, self.stretches, self._threads = plant, recorded, threads
         step, count = plant.model.opt.timestep, plant.model.nv
         for stretch_ in recorded:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from sim2real.simulation.simulated_arm import Plant
+from sim2real.simulation.simulated_arm import ArmPlant
 
 from np_blind.baselines.budget import Budget
 from np_blind.baselines.closed_loop import Replay, Stretch
@@ -78,7 +78,7 @@ def active_windows(recorded: list[Stretch], budget: Budget) -> tuple[list[Stretc
 
 
 def paper_identification(
-    plant: Plant,
+    plant: ArmPlant,
     recorded: list[Stretch],
     budget: Budget = Budget(),
     seed: int = 0,
@@ -132,7 +132,7 @@ def paper_identification(
 
 
 def least_squares(
-    plant: Plant,
+    plant: ArmPlant,
     windows: list[Stretch],
     free: tuple[str, ...] = EVERYTHING,
     budget: Budget = Budget(),
@@ -176,7 +176,7 @@ def least_squares(
 
 
 def likeliest_delay(
-    plant: Plant,
+    plant: ArmPlant,
     recorded: list[Stretch],
     delays: Sequence[float],
     budget: Budget,
@@ -210,7 +210,7 @@ def root(square: np.ndarray) -> float:
 class _Scaled:
     """Parameters of a least-squares fit, each 0..1 over its range."""
 
-    def __init__(self, plant: Plant, free: tuple[str, ...]):
+    def __init__(self, plant: ArmPlant, free: tuple[str, ...]):
         nominal = plant.nominal()
         ranges = {name: (np.zeros_like(top), top) for name, top in plant.largest.items()}
         ranges["gain"] = tuple(np.full_like(nominal["gain"], bound) for bound in GAIN_RANGE)

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from sim2real.excitation.suite import make_suite
-from sim2real.simulation.simulated_arm import Plant, load_plant, panda_plant
+from sim2real.simulation.simulated_arm import ArmPlant, load_plant, panda_plant
 
 from np_blind.baselines.budget import Budget
 from np_blind.baselines.closed_loop import Stretch, stretches
@@ -50,14 +50,14 @@ def alternate(recorded: Sequence[Stretch], seconds: float) -> tuple[list[Stretch
     return blocks[::2], blocks[1::2]
 
 
-def simulated(seed: int) -> tuple[list[Stretch], list[Stretch], dict[str, np.ndarray]]:
+def simulate_recording(seed: int) -> tuple[list[Stretch], list[Stretch], dict[str, np.ndarray]]:
     """Recordings of a reference arm to fit to, others held out, and its parameters."""
     truth = known_arm(seed)
     fitted = record(truth, make_suite(FITTED), seed)
     return fitted, record(truth, make_suite(HELD_OUT), seed + 1), truth
 
 
-def from_files(paths: Sequence[Path], plant: Plant) -> list[Stretch]:
+def from_files(paths: Sequence[Path], plant: ArmPlant) -> list[Stretch]:
     """The stretches of recordings, bags or logs of drives (.npz). Raises ValueError for what cannot be
     replayed."""
     period, joints = plant.model.opt.timestep, len(plant.joints)
@@ -70,7 +70,7 @@ def from_files(paths: Sequence[Path], plant: Plant) -> list[Stretch]:
 
 
 def report(
-    plant: Plant,
+    plant: ArmPlant,
     fitted: list[Stretch],
     held_out: list[Stretch],
     truth: Mapping[str, np.ndarray] | None,
@@ -170,7 +170,7 @@ def main() -> None:
     plant = load_plant(arguments.arm) if arguments.arm else panda_plant()
     truth, delays = None, {}
     if arguments.simulate:
-        fitted, held_out, truth = simulated(arguments.seed)
+        fitted, held_out, truth = simulate_recording(arguments.seed)
     else:
         recorded, held_out = from_files(arguments.recordings, plant), from_files(arguments.held_out, plant)
         if held_out:

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.simulation.simulated_arm import Plant
+from sim2real.simulation.simulated_arm import ArmPlant
 
 from np_blind.baselines.budget import Budget
 from np_blind.baselines.closed_loop import INERTIA, Replay, Stretch
@@ -28,7 +28,7 @@ from np_blind.baselines.identification import (
 )
 
 
-def gap(plant: Plant, recorded: list[Stretch], values: Mapping[str, np.ndarray], threads: int = 0) -> np.ndarray:
+def gap(plant: ArmPlant, recorded: list[Stretch], values: Mapping[str, np.ndarray], threads: int = 0) -> np.ndarray:
     """RMS position error (k,) rad of the closed-loop replay along whole stretches; infinite where all
     diverge."""
     errors = Replay(plant, recorded, threads).errors(np.arange(len(recorded)), values)
@@ -36,7 +36,7 @@ def gap(plant: Plant, recorded: list[Stretch], values: Mapping[str, np.ndarray],
 
 
 def fits(
-    plant: Plant,
+    plant: ArmPlant,
     recorded: list[Stretch],
     budget: Budget = Budget(),
     seed: int = 0,
@@ -54,7 +54,7 @@ def fits(
 
 
 def compare(
-    plant: Plant,
+    plant: ArmPlant,
     recorded: list[Stretch],
     held_out: list[Stretch],
     budget: Budget = Budget(),
@@ -91,7 +91,7 @@ EFFECTS = {
 """Parameter of a fit: effect of the catalogue and its parameter, both as changes of the nominal arm."""
 
 
-def as_patch(plant: Plant, fit: Fit) -> Patch:
+def as_patch(plant: ArmPlant, fit: Fit) -> Patch:
     """The fit as a patch of the nominal arm, which simulators load and the blind test follows.
 
     Masses and centres of mass become changes of the links' first moments (`link_com`); that a heavier link
@@ -108,7 +108,7 @@ def as_patch(plant: Plant, fit: Fit) -> Patch:
     return Patch(tuple(found))
 
 
-def _moments(plant: Plant, fit: Fit) -> np.ndarray:
+def _moments(plant: ArmPlant, fit: Fit) -> np.ndarray:
     """Change (k, 3) kg m of the first moment about its joint of what each link carries, masses beyond it as
     points."""
     nominal, model = plant.nominal(), plant.model

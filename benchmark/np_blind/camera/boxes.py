@@ -60,7 +60,7 @@ class Detector:
 
 
 @dataclass(frozen=True)
-class Case:
+class CameraCase:
     """A set-up with what is true of it, how often the object is put down, and what the picture is cut off by."""
 
     truth: Truth = field(default_factory=Truth)
@@ -103,7 +103,7 @@ def pixels(truth: Truth, corners: np.ndarray) -> np.ndarray:
     return np.column_stack([focal * x * radial + 111.5 + truth.offset[0], focal * y * radial + 111.5 + truth.offset[1]])
 
 
-def places(case: Case, rng: np.random.Generator) -> list[RestPose]:
+def places(case: CameraCase, rng: np.random.Generator) -> list[RestPose]:
     """The object put down at random, where all of it is in the picture. Raises ValueError where it never is."""
     found = []
     for number in range(case.count):
@@ -121,7 +121,7 @@ def places(case: Case, rng: np.random.Generator) -> list[RestPose]:
     return found
 
 
-def put_down(case: Case, truth: Truth, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, Rotation]:
+def put_down(case: CameraCase, truth: Truth, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, Rotation]:
     """Corners (8, 3) m, middle (3,) m and turn of the object, flat on the table or on what stands there."""
     half = np.asarray(case.domain.half_size) + np.asarray(truth.size) / 2
     if case.domain.start.quarter_turns:
@@ -147,7 +147,7 @@ def put_down(case: Case, truth: Truth, rng: np.random.Generator) -> tuple[np.nda
 
 
 def _seen(
-    case: Case, name: str, seen: np.ndarray, position: np.ndarray, turn: Rotation, rng: np.random.Generator
+    case: CameraCase, name: str, seen: np.ndarray, position: np.ndarray, turn: Rotation, rng: np.random.Generator
 ) -> RestPose:
     d = case.detector
     off = (

@@ -46,7 +46,7 @@ class UnknownCameraFaults:
 BREATH = 7.0  # s, in which a lens that hunts goes out of focus and back
 
 
-class SimulatedCamera:
+class DistortedCamera:
     """A camera before which a box of `half` (3,) m is moved. gap: effects of the view among others; seed: of all chance."""
 
     def __init__(

@@ -16,7 +16,7 @@ from sim2real.effects.patch import Patch, PatchEffect
 
 from np_blind.camera import quirks
 from np_blind.camera.quirks import Quirks
-from np_blind.camera.simulated_camera import SimulatedCamera, UnknownCameraFaults
+from np_blind.camera.simulated_camera import DistortedCamera, UnknownCameraFaults
 from np_blind.sealed import SCHEMA
 from np_description.domains import BUMP, Domain
 from np_description.panda import NOMINAL
@@ -53,7 +53,7 @@ USUAL = BackgroundSpread()
 
 
 @dataclass(frozen=True)
-class Case:
+class TaskCase:
     """A set-up with a gap or none."""
 
     number: int
@@ -90,7 +90,7 @@ class Case:
         """Of what is out of the catalogue, a quantity; 0 where it is not there."""
         return self.gap.get(name, {}).get(quantity, 0.0)
 
-    def film(self, seed: int) -> SimulatedCamera:
+    def film(self, seed: int) -> DistortedCamera:
         """The camera of a recording with such a seed."""
         strange = UnknownCameraFaults(
             knocked=self.stranger("knocked", "turn"),
@@ -99,7 +99,7 @@ class Case:
             hunting=self.stranger("hunting", "period"),
             dark=self.stranger("hunting", "dark"),
         )
-        return SimulatedCamera(np.array(self.domain.half_size), self.camera, self.patch, seed, strange)
+        return DistortedCamera(np.array(self.domain.half_size), self.camera, self.patch, seed, strange)
 
 
 def _either(rng: np.random.Generator, low: float, high: float) -> float:
@@ -150,12 +150,12 @@ ORDER = (
 """What is other in the cases of a set, over and over: any beginning of it has some of all kinds."""
 
 
-def draw(count: int, seed: int) -> list[Case]:
+def draw(count: int, seed: int) -> list[TaskCase]:
     """So many cases of a set."""
     return [_case(number, ORDER[number % len(ORDER)].split(), seed) for number in range(count)]
 
 
-def _case(number: int, names: Sequence[str], seed: int) -> Case:
+def _case(number: int, names: Sequence[str], seed: int) -> TaskCase:
     rng = np.random.default_rng([seed, number])
     gap = {name: _rounded(GAPS[name](rng)) for name in names}
     kind = OUT if set(names) & set(OUT_OF_CATALOGUE) else ("clean", "single", "pair")[len(names)]
@@ -180,7 +180,7 @@ def _case(number: int, names: Sequence[str], seed: int) -> Case:
     ]
     usual = ((e, c, _rounded(p)) for e, c, p in (*scene, *arm) if e not in gap)
     longer = _rounded({axis: USUAL.edge * rng.standard_normal() for axis in "xyz"}).values()
-    return Case(number, kind, gap, tuple(usual), tuple(longer), quirks.draw(rng))
+    return TaskCase(number, kind, gap, tuple(usual), tuple(longer), quirks.draw(rng))
 
 
 def _rounded(gap: Gap) -> Gap:

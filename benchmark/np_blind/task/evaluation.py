@@ -20,7 +20,7 @@ from sim2real.task.suite.object_pose import camera_over_table, pose_between
 from sim2real.task.suite.occlusion import mask_occluded_keypoints
 from sim2real.task.suite.recording import TaskRecording
 
-from np_blind.task.cases import Case
+from np_blind.task.cases import TaskCase
 from np_blind.task.joint_fit import at_once
 from np_blind.task.simulated_lab import SimulatedLab
 from np_description.camera import CAMERA
@@ -30,7 +30,7 @@ HELD_OUT = 500_000  # added to the seed of a recording that no stage hears: othe
 FELT_FIRST = "touch_object"  # so that drags press as they should
 
 
-def answer(case: Case, seed: int) -> dict:
+def answer(case: TaskCase, seed: int) -> dict:
     """Record, diagnose and score a case."""
     begun = time.perf_counter()
     recording = mask_occluded_keypoints(record_case(case, seed))
@@ -46,7 +46,7 @@ def answer(case: Case, seed: int) -> dict:
     return {**score_diagnosis(case, found), "withheld": list(kept.withheld), "motion": moved, **took}
 
 
-def record_case(case: Case, seed: int, only: tuple[str, ...] = ()) -> TaskRecording:
+def record_case(case: TaskCase, seed: int, only: tuple[str, ...] = ()) -> TaskRecording:
     """The task suite, or some of its families, of a case in PhysX; up to where its guard ends it."""
     from np_physx_bridge.engine import PhysxEngine  # where SAPIEN is
 
@@ -64,7 +64,7 @@ def record_case(case: Case, seed: int, only: tuple[str, ...] = ()) -> TaskRecord
     return SimulatedLab(BUMP, case.patch, own, Pulled, case.film(own), case.domain).run(only, is_cut=True)
 
 
-def external_force(case: Case, place: Sequence[float]) -> tuple[float, float, float] | None:
+def external_force(case: TaskCase, place: Sequence[float]) -> tuple[float, float, float] | None:
     """N on the object at a place m, by what is out of the catalogue."""
     if pull := case.stranger("cable", "pull"):
         way = case.stranger("cable", "way")
@@ -78,7 +78,7 @@ def external_force(case: Case, place: Sequence[float]) -> tuple[float, float, fl
 MAGNET = 0.05  # m from a magnet at which its pull is half
 
 
-def score_diagnosis(case: Case, found: TaskDiagnosis) -> dict:
+def score_diagnosis(case: TaskCase, found: TaskDiagnosis) -> dict:
     """The score of a diagnosis."""
     findings = [one for result in found.modules for one in result.findings]
     named = [sorted({one for way in finding.hypotheses for one in way.effects}) for finding in findings]
@@ -104,7 +104,7 @@ def score_diagnosis(case: Case, found: TaskDiagnosis) -> dict:
     }
 
 
-def held_out_motion(case: Case, found: TaskDiagnosis, kept: CheckedPatch, fresh: Sequence[TaskRecording]) -> dict:
+def held_out_motion(case: TaskCase, found: TaskDiagnosis, kept: CheckedPatch, fresh: Sequence[TaskRecording]) -> dict:
     """px by which corners are seen off their prediction, mean over the windows of recordings that no stage has heard: as believed, with the
     patch that is given, with all that is true, and with everything that was measured, named or not. Empty without a window."""
     tried = {"believed": Patch(), "patch": kept.patch, "truth": case.patch, "at_once": at_once(found).patch}
@@ -135,7 +135,7 @@ def _shown_off(recording: TaskRecording, patch: Patch) -> list[float]:
     return (np.asarray(shown).ravel()[:2] - place[:2]).tolist()
 
 
-def _intervals(case: Case, found: TaskDiagnosis) -> dict[str, dict]:
+def _intervals(case: TaskCase, found: TaskDiagnosis) -> dict[str, dict]:
     """Every number that was measured beside the truth, its background included."""
     patch, believed = case.patch, NominalContact.of(BUMP)
     change = patch.scene_change()

@@ -10,23 +10,23 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from np_blind.repository import relative
-from np_blind.task.cases import SET, Case
+from np_blind.task.cases import SET, TaskCase
 from np_common.cli import Progress
 from np_common.files import write_atomically
 
 NAME = "answer.json"  # of a case, in its folder
-Answer = Callable[[Case, int], dict]
+Answer = Callable[[TaskCase, int], dict]
 """Evaluates a case of a set with this seed: the diagnosis and its score."""
 
 
-def answer(case: Case, seed: int) -> dict:
+def answer(case: TaskCase, seed: int) -> dict:
     """Record, diagnose and score a case."""
     from np_blind.task.evaluation import answer  # slow: no --help should wait for it
 
     return answer(case, seed)
 
 
-def evaluate_case(case: Case, seed: int, out: Path, answer: Answer = answer) -> None:
+def evaluate_case(case: TaskCase, seed: int, out: Path, answer: Answer = answer) -> None:
     """Evaluate a case and write its answer; an error is an answer too."""
     try:
         row = answer(case, seed)
@@ -37,7 +37,9 @@ def evaluate_case(case: Case, seed: int, out: Path, answer: Answer = answer) -> 
     write_atomically(kept, json.dumps(row, indent=1) + "\n")
 
 
-def evaluate_cases(cases: Sequence[Case], seed: int, out: Path, pool: Executor, answer: Answer = answer) -> list[dict]:
+def evaluate_cases(
+    cases: Sequence[TaskCase], seed: int, out: Path, pool: Executor, answer: Answer = answer
+) -> list[dict]:
     """The answers to all cases, in their order; those without an answer in `out` are evaluated.
 
     A case whose worker died has an error as its answer and no file, so that the next call tries it again.
@@ -61,9 +63,9 @@ def publish(results: Path, command: str, seed: int, **found: object) -> None:
     write_atomically(results, json.dumps(told, indent=1) + "\n")
 
 
-def _answer_file(out: Path, case: Case) -> Path:
+def _answer_file(out: Path, case: TaskCase) -> Path:
     return out / f"case_{case.number:03d}" / NAME
 
 
-def _error(case: Case, error: str) -> dict:
+def _error(case: TaskCase, error: str) -> dict:
     return {"case": case.number, "kind": case.kind, "gap": case.gap, "error": error}

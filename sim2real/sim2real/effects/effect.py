@@ -20,7 +20,7 @@ from sim2real.effects.regressor import EffectRegressor
 ARM = "arm"
 
 
-class Target(StrEnum):
+class EffectTarget(StrEnum):
     """What an effect changes. Of an arm: a joint (or, at "arm", all of them), the link that a joint moves, or the whole arm."""
 
     JOINT = "joint"
@@ -33,9 +33,9 @@ class Target(StrEnum):
     ENVIRONMENT = "environment"
 
 
-ARM_TARGETS = (Target.JOINT, Target.LINK, Target.ARM)
-CAMERA_TARGETS = (Target.CAMERA, Target.KEYPOINTS)
-SCENE_TARGETS = (Target.CONTACT, Target.OBJECT, Target.ENVIRONMENT)
+ARM_TARGETS = (EffectTarget.JOINT, EffectTarget.LINK, EffectTarget.ARM)
+CAMERA_TARGETS = (EffectTarget.CAMERA, EffectTarget.KEYPOINTS)
+SCENE_TARGETS = (EffectTarget.CONTACT, EffectTarget.OBJECT, EffectTarget.ENVIRONMENT)
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Effect:
     """
 
     id: str
-    target: Target
+    target: EffectTarget
     quantities: tuple[Quantity, ...]
     regressors: Callable[[Context], list[EffectRegressor]] = _no_regressors
     """Every way in which it can show in a recording of the arm."""

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 
-class Arm(Protocol):
+class ArmProperties(Protocol):
     """The nominal arm, k joints base to tip; SI units. rest (k,): posture in which a cable pulls with its offset only; tip
     (3,) m: tool point in the last link."""
 
@@ -28,14 +28,14 @@ class Arm(Protocol):
     def __len__(self) -> int: ...
 
 
-class Log(Protocol):
+class RecordedLog(Protocol):
     """A recording: duration s."""
 
     @property
     def duration(self) -> float: ...
 
 
-class Samples(Protocol):
+class RecordedSamples(Protocol):
     """Filtered motion: time (n,) s within its trajectory (n,), position, velocity, acceleration (n, k), torque_rate (n, k)
     Nm/s; with_gravity: whether the torque holds the arm's weight as well."""
 
@@ -173,9 +173,9 @@ class Context:
     share of, where torque is a current times a constant that the recording itself had to tell; None where it was measured.
     """
 
-    arm: Arm
-    logs: Sequence[Log]
-    samples: Samples
+    arm: ArmProperties
+    logs: Sequence[RecordedLog]
+    samples: RecordedSamples
     prediction: Prediction
     rigid: RigidBody
     drive: Drive | None

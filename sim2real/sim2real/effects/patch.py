@@ -16,7 +16,7 @@ import yaml
 
 from np_description.panda import NOMINAL, PandaModel
 from np_description.scene_change import SceneChange
-from sim2real.effects.effect import ARM, ARM_TARGETS, Effect, Target
+from sim2real.effects.effect import ARM, ARM_TARGETS, Effect, EffectTarget
 from sim2real.effects.registry import ARM_EFFECTS, CAMERA_EFFECTS, EFFECTS, SCENE_EFFECTS
 
 PANDA = "panda"  # the arm that is simulated here
@@ -155,7 +155,7 @@ def _read(entry: object, place: str) -> PatchEffect:
             )
     elif entry["component"] not in (ARM, *NOMINAL.joints):
         raise ValueError(f"{place}: expected 'arm' or a joint as component, got {entry['component']!r}")
-    elif effect.target is Target.LINK and entry["component"] == ARM:
+    elif effect.target is EffectTarget.LINK and entry["component"] == ARM:
         raise ValueError(f"{place}: expected the joint that moves the link as component of {effect.id}, got 'arm'")
     known, values = {quantity.name: quantity for quantity in effect.quantities}, {}
     for name, value in dict(entry["parameters"]).items():

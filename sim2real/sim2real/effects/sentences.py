@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import degrees, floor, log10
 from string import Formatter
 
-from sim2real.effects.effect import ARM, ARM_TARGETS, Effect, Target
+from sim2real.effects.effect import ARM, ARM_TARGETS, Effect, EffectTarget
 
 _SCALES = {"%": 100.0, "ppm": 1e6, "ms": 1e3, "mm": 1e3, "mrad": 1e3, "mrad/Nm": 1e3, "deg": degrees(1.0)}
 """Units that a phrase may ask for in place of the quantity's own, by what they are of it."""
@@ -56,14 +56,14 @@ def template_fields(phrase: str) -> set[str]:
     return {name for _, name, _, _ in Formatter().parse(phrase) if name}
 
 
-def describe_component(kind: Target, component: str) -> str:
+def describe_component(kind: EffectTarget, component: str) -> str:
     """Where it is, in words: the arm, joint 4, link 4; a joint of another arm as it is called there."""
     if component == ARM:
         return "the arm"
     number = component.removeprefix("panda_joint")
     if not number.isdigit():
         return component
-    return f"{'link' if kind is Target.LINK else 'joint'} {number}"
+    return f"{'link' if kind is EffectTarget.LINK else 'joint'} {number}"
 
 
 def _plain(effect: Effect) -> str:

@@ -9,7 +9,7 @@ from sim2real.effects import CAMERA_EFFECTS
 from sim2real.effects.sentences import ValueWithInterval
 from sim2real.task.camera.diagnosis import CameraDiagnosis
 from sim2real.task.camera.parameters import BY_NAME, EFFECTS, PARAMETERS, SHOWN_BY, distinguishing_experiments
-from sim2real.task.hypotheses import Finding
+from sim2real.task.hypotheses import TaskFinding
 
 PUT_DOWN = "the object put down at eight places, all over the picture"
 
@@ -81,7 +81,7 @@ def patch(view: CameraDiagnosis) -> list[dict]:
     return list(entries.values())
 
 
-def _split_by(one: Finding) -> tuple[str, ...]:
+def _split_by(one: TaskFinding) -> tuple[str, ...]:
     """Experiments that tell the hypotheses of a finding apart."""
     return distinguishing_experiments(frozenset(way.name for way in one.hypotheses))
 
@@ -98,7 +98,7 @@ def _verdict(view: CameraDiagnosis) -> str:
     return f"{_capital(seen)} not where they are believed to be{off}."
 
 
-def _alternatives(one: Finding) -> str:
+def _alternatives(one: TaskFinding) -> str:
     """A finding with all its hypotheses, each with the sizes that it has where it stands alone."""
     ways = [effect_text(way.name, way.estimates) for way in one.hypotheses]
     return f"{ways[0]}." if len(ways) == 1 else f"either {'; or '.join(ways)}."
@@ -121,7 +121,7 @@ class _Unknown:
         return f"? {unit}".strip()
 
 
-def _named(one: Finding) -> dict:
+def _named(one: TaskFinding) -> dict:
     best, *rivals = one.hypotheses
     return {
         "name": best.name,

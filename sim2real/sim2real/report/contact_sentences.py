@@ -9,7 +9,7 @@ from sim2real.effects import SCENE_EFFECTS
 from sim2real.effects.sentences import ValueWithInterval, describe_effect
 from sim2real.task.contact_force.estimate import ContactForceResult
 from sim2real.task.findings import patch_values
-from sim2real.task.hypotheses import Finding, HypothesisComparison
+from sim2real.task.hypotheses import HypothesisComparison, TaskFinding
 from sim2real.task.surface.estimate import SurfaceContactResult
 
 
@@ -55,7 +55,7 @@ def _comparison(comparison: HypothesisComparison | None) -> dict:
     }
 
 
-def _named(one: Finding) -> dict:
+def _named(one: TaskFinding) -> dict:
     sizes = {way.name: {name: asdict(value) for name, value in way.estimates.items()} for way in one.hypotheses}
     effect = one.hypotheses[0].name
     rivals = {name: values for name, values in sizes.items() if name != effect}

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from sim2real.checks.shrinkage import Gap
 from sim2real.effects import ARM_EFFECTS
-from sim2real.effects.effect import Target
+from sim2real.effects.effect import EffectTarget
 from sim2real.effects.sentences import ValueWithInterval, describe_component, describe_effect
 from sim2real.finding import Finding
 
@@ -49,14 +49,14 @@ def _removed(gap: Gap, count: int) -> str:
 
 def _doubt(finding: Finding) -> str:
     """Why a finding is not sure."""
-    name = f"{_name(finding.effect.id)} at {describe_component(Target.JOINT, finding.component)}"
+    name = f"{_name(finding.effect.id)} at {describe_component(EffectTarget.JOINT, finding.component)}"
     if finding.competing_effects:
         return f"{name} cannot be told from {' or '.join(map(_name, finding.competing_effects))} by these recordings."
     return f"{name} has a probability of {finding.class_probability:.2f} only."
 
 
 def _unexplained(names: Sequence[str], nominal: str) -> str:
-    joints = [describe_component(Target.JOINT, name) for name in names]
+    joints = [describe_component(EffectTarget.JOINT, name) for name in names]
     names = joints[0] if len(joints) == 1 else f"{', '.join(joints[:-1])} and {joints[-1]}"
     verb = "departs" if len(joints) == 1 else "depart"
     return f"{names} {verb} from {nominal} in a way that no known effect explains: look at the joint before you use the patch."

@@ -10,7 +10,7 @@ from sim2real.effects.sentences import ValueWithInterval
 from sim2real.report import camera_sentences, contact_sentences, noise_sentences
 from sim2real.report.task_sentences import hypothesis_text, module_text, next_steps, sentence
 from sim2real.task.diagnosis import ModuleResult, TaskDiagnosis, make_patch
-from sim2real.task.hypotheses import Finding, module_of
+from sim2real.task.hypotheses import TaskFinding, module_of
 from sim2real.task.object_motion.patch_check import CheckedPatch
 from sim2real.task.object_motion.prediction import MotionPrediction
 
@@ -77,7 +77,7 @@ def _module(result: ModuleResult, diagnosis: TaskDiagnosis, predicted: MotionPre
     }
 
 
-def _finding(finding: Finding) -> dict:
+def _finding(finding: TaskFinding) -> dict:
     ways = [
         {
             "name": one.name,

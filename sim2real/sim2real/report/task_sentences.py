@@ -8,7 +8,7 @@ from sim2real.report import camera_sentences, contact_sentences
 from sim2real.report.camera_sentences import PUT_DOWN
 from sim2real.task.contact_force.fit import NominalContact
 from sim2real.task.diagnosis import NOT_SEEN, ModuleResult, TaskDiagnosis
-from sim2real.task.hypotheses import Finding, Hypothesis
+from sim2real.task.hypotheses import Hypothesis, TaskFinding
 
 CLOCK = "a second clock: stamps of the camera's own, or a light that both see"
 SPLIT_BY = {
@@ -52,12 +52,12 @@ def sentence(diagnosis: TaskDiagnosis) -> str:
     return " ".join(parts)
 
 
-def finding_text(finding: Finding) -> str:
+def finding_text(finding: TaskFinding) -> str:
     """A finding as half a sentence."""
     return " or ".join(hypothesis_text(finding, one) for one in finding.hypotheses)
 
 
-def hypothesis_text(finding: Finding, one: Hypothesis) -> str:
+def hypothesis_text(finding: TaskFinding, one: Hypothesis) -> str:
     """One hypothesis of a finding as half a sentence."""
     if finding.source == "view":
         return camera_sentences.effect_text(one.name, one.estimates)

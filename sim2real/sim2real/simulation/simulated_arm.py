@@ -16,7 +16,7 @@ FLOATING_MASS = 1e-6  # kg, of the bodies that carry a gravity compensation and 
 
 
 @dataclass(frozen=True, eq=False)
-class Plant:
+class ArmPlant:
     """An arm of k hinges as MuJoCo model, base to tip, nothing else that moves. Made by `make_plant`.
 
     model: with one drive a joint, which gives ctrl + biasprm[1] q + biasprm[2] dq within the limits.
@@ -47,7 +47,7 @@ class Plant:
         }
 
 
-def panda_plant(panda: PandaModel = NOMINAL, timestep: float = 0.002) -> Plant:
+def panda_plant(panda: PandaModel = NOMINAL, timestep: float = 0.002) -> ArmPlant:
     """The nominal simulator's Panda with its hand, fingers closed, gravity compensated as by the robot
     itself."""
     spec = build_scene(CARD, timestep=timestep, panda=panda)
@@ -59,7 +59,7 @@ def panda_plant(panda: PandaModel = NOMINAL, timestep: float = 0.002) -> Plant:
     return make_plant(spec, {"frictionloss": 3.0, "damping": 8.0, "armature": 0.6})
 
 
-def load_plant(path: str | Path) -> Plant:
+def load_plant(path: str | Path) -> ArmPlant:
     """An arm from an MJCF file of hinges. Raises ValueError for a file that is none, naming it.
 
     Limits of the drives are the joints' `actuatorfrcrange`, where they have one. Gravity pulls at the arm
@@ -71,7 +71,7 @@ def load_plant(path: str | Path) -> Plant:
         raise ValueError(f"{path}: expected an MJCF file of an arm, got: {error}") from error
 
 
-def make_plant(spec: mujoco.MjSpec, largest: dict[str, float]) -> Plant:
+def make_plant(spec: mujoco.MjSpec, largest: dict[str, float]) -> ArmPlant:
     """A plant from a description, of which everything goes that neither moves nor has mass, contacts too.
 
     The integrator is Euler's with implicit joint damping: for a torque from outside the same as implicitfast,
@@ -103,7 +103,7 @@ def make_plant(spec: mujoco.MjSpec, largest: dict[str, float]) -> Plant:
     free = _with_floating_compensation(spec).compile()
     for name in ("actuator_forcelimited", "actuator_forcerange", "jnt_actfrclimited"):
         getattr(free, name)[:] = getattr(model, name)
-    return Plant(model, free, {name: np.full(model.nv, value) for name, value in largest.items()})
+    return ArmPlant(model, free, {name: np.full(model.nv, value) for name, value in largest.items()})
 
 
 def _with_floating_compensation(spec: mujoco.MjSpec) -> mujoco.MjSpec:

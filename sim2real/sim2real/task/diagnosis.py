@@ -20,7 +20,7 @@ from sim2real.task.contact_force.estimate import ContactForceResult, estimate_fr
 from sim2real.task.contact_force.fit import NominalContact
 from sim2real.task.contact_force.readings import read_forces
 from sim2real.task.contact_force.tap_slide import find_tap_slides
-from sim2real.task.hypotheses import Finding
+from sim2real.task.hypotheses import TaskFinding
 from sim2real.task.keypoint_noise import KeypointNoise, estimate_keypoint_noise
 from sim2real.task.keypoint_track import KeypointTrack
 from sim2real.task.suite.camera_rotation import prefer_rotation_over_translation
@@ -66,7 +66,7 @@ class ModuleResult:
     """Of MODULES."""
     verdict: str
     """identified, ambiguous, no_gap, unexplained or NOT_SEEN."""
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[TaskFinding, ...] = ()
     """What is off."""
     share: float | None = None
     """Share of the sum of all log Bayes factors; None where nothing is off."""
@@ -223,7 +223,7 @@ def _clip(entry: PatchEffect) -> dict[str, float]:
     return {name: float(min(max(value, bounds[name][0]), bounds[name][1])) for name, value in entry.parameters.items()}
 
 
-def _module_result(module: str, found: list[Finding], diagnosis: TaskDiagnosis) -> ModuleResult:
+def _module_result(module: str, found: list[TaskFinding], diagnosis: TaskDiagnosis) -> ModuleResult:
     if module == "arm" and diagnosis.arm is not None:
         return ModuleResult(module, diagnosis.arm.verdict)
     own = tuple(one for one in found if one.hypotheses[0].module == module)

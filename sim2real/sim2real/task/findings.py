@@ -11,7 +11,7 @@ from sim2real.effects import SCENE_EFFECTS
 from sim2real.effects.sentences import ValueWithInterval
 from sim2real.task.camera.diagnosis import CameraDiagnosis
 from sim2real.task.contact_force.estimate import ContactForceResult
-from sim2real.task.hypotheses import Finding, Hypothesis
+from sim2real.task.hypotheses import Hypothesis, TaskFinding
 from sim2real.task.keypoint_noise import KeypointNoise, visible_noise_effects
 from sim2real.task.suite.hand_eye_offset import HandEyeOffset
 from sim2real.task.suite.image_latency import ImageLatency
@@ -27,12 +27,12 @@ PATCH_PARAMETERS = {
 """Name in `patch.yaml` of the one number of an effect of the scene."""
 
 
-def camera_findings(camera: CameraDiagnosis | None) -> list[Finding]:
+def camera_findings(camera: CameraDiagnosis | None) -> list[TaskFinding]:
     """What corners of the resting object show."""
     return list(camera.findings) if camera is not None and camera.verdict in ("identified", "ambiguous") else []
 
 
-def contact_findings(result: SurfaceContactResult | ContactForceResult | None, source: str) -> list[Finding]:
+def contact_findings(result: SurfaceContactResult | ContactForceResult | None, source: str) -> list[TaskFinding]:
     """What touches (source `touch`) or contact forces (source `force`) show."""
     if result is None or result.comparison is None or result.verdict == "unexplained":
         return []
@@ -56,17 +56,17 @@ def patch_values(effect: str, estimates: Mapping[str, ValueWithInterval]) -> dic
     return {PATCH_PARAMETERS[effect]: value}
 
 
-def keypoint_noise_findings(noise: KeypointNoise | None) -> list[Finding]:
+def keypoint_noise_findings(noise: KeypointNoise | None) -> list[TaskFinding]:
     """What the scatter of keypoints at rest shows."""
     found = []
     for effect, values in (visible_noise_effects(noise) if noise is not None else {}).items():
         patch = {name: value.value for name, value in values.items()}
         one = Hypothesis(effect, (effect,), dict(values), patch)
-        found.append(Finding((one,), gaussian_log_bayes_factor(next(iter(values.values()))), "scatter"))
+        found.append(TaskFinding((one,), gaussian_log_bayes_factor(next(iter(values.values()))), "scatter"))
     return found
 
 
-def latency_findings(latency: ImageLatency | None) -> list[Finding]:
+def latency_findings(latency: ImageLatency | None) -> list[TaskFinding]:
     """Late images: the camera's latency or its clock, which one recording cannot tell apart. A camera cannot be early."""
     if latency is None or latency.late is None or latency.verdict == "no_gap":
         return []
@@ -75,10 +75,10 @@ def latency_findings(latency: ImageLatency | None) -> list[Finding]:
         Hypothesis("camera_latency", ("camera_latency",), {"delay": late}, {"delay": late.value}),
         Hypothesis("clock_offset", ("clock_offset",), {"offset": late}, {"offset": late.value}),
     )
-    return [Finding(hypotheses if late.value > 0 else hypotheses[1:], gaussian_log_bayes_factor(late), "lag")]
+    return [TaskFinding(hypotheses if late.value > 0 else hypotheses[1:], gaussian_log_bayes_factor(late), "lag")]
 
 
-def hand_eye_offset_findings(offset: HandEyeOffset | None, turn: np.ndarray | None = None) -> list[Finding]:
+def hand_eye_offset_findings(offset: HandEyeOffset | None, turn: np.ndarray | None = None) -> list[TaskFinding]:
     """A picture that is off where the hand touches the object: by the camera's place or rotation, or by where corners are found.
 
     turn: rotation (2,) rad of the camera where corners at rest prefer it (`camera_rotation`).
@@ -96,11 +96,11 @@ def hand_eye_offset_findings(offset: HandEyeOffset | None, turn: np.ndarray | No
         if turn is not None:
             patch = dict(zip(("turn_x", "turn_y"), turn.tolist()))
             ways = (replace(rotation, patch=patch), place, corners)
-        found.append(Finding(ways, one.log_bayes_factor, "meeting"))
+        found.append(TaskFinding(ways, one.log_bayes_factor, "meeting"))
     return found
 
 
-def resolve_conflicts(findings: list[Finding], surfaces: SurfaceContactResult | None) -> list[Finding]:
+def resolve_conflicts(findings: list[TaskFinding], surfaces: SurfaceContactResult | None) -> list[TaskFinding]:
     """Findings that agree with one another.
 
     The hand feels the table, which the camera does not move: a camera hypothesis that places the table elsewhere is dropped, and one that places
@@ -117,9 +117,9 @@ def resolve_conflicts(findings: list[Finding], surfaces: SurfaceContactResult | 
     return findings
 
 
-def _constrain_by_touch(findings: list[Finding], surfaces: SurfaceContactResult) -> list[Finding]:
+def _constrain_by_touch(findings: list[TaskFinding], surfaces: SurfaceContactResult) -> list[TaskFinding]:
     touched = {one.hypotheses[0].name for one in surfaces.comparison.findings if len(one.hypotheses) == 1}
-    kept: list[Finding] = []
+    kept: list[TaskFinding] = []
     for one in findings:
         if one.source == "view":
             possible = tuple(way for way in one.hypotheses if not _contradicts(way, surfaces))

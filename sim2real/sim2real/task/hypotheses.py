@@ -56,7 +56,7 @@ class Hypothesis:
 
 
 @dataclass(frozen=True)
-class Finding:
+class TaskFinding:
     """Something that is off."""
 
     hypotheses: tuple[Hypothesis, ...]
@@ -83,7 +83,7 @@ class HypothesisComparison:
 
     verdict: str
     """no_gap, identified, ambiguous or undetermined."""
-    findings: tuple[Finding, ...]
+    findings: tuple[TaskFinding, ...]
     """The effects of the best hypothesis."""
     bounds: dict[str, ValueWithInterval]
     """Every number with its 95 % interval if its effect were off too."""
@@ -91,7 +91,7 @@ class HypothesisComparison:
     """Numbers whose interval the recording hardly narrows."""
 
 
-def verdict_of(findings: Iterable[Finding]) -> str:
+def verdict_of(findings: Iterable[TaskFinding]) -> str:
     """identified where every finding has one hypothesis, else ambiguous."""
     return "identified" if all(one.is_unrivalled for one in findings) else "ambiguous"
 
@@ -178,7 +178,7 @@ def compare_hypotheses(measured: MeasuredChanges) -> HypothesisComparison:
     return HypothesisComparison(verdict, findings, bounds, unidentifiable)
 
 
-def _finding(measured: MeasuredChanges, value: Mapping[Effects, float], best: Effects, effect: str) -> Finding:
+def _finding(measured: MeasuredChanges, value: Mapping[Effects, float], best: Effects, effect: str) -> TaskFinding:
     """An effect of the best hypothesis, with those that explain as well in its place."""
     rest = best - {effect}
     near = [
@@ -191,4 +191,6 @@ def _finding(measured: MeasuredChanges, value: Mapping[Effects, float], best: Ef
     ]
     estimates = {effect: measured.estimates(best, effect)}
     estimates |= {other: measured.estimates(n, other) for n in near for other in n - rest}
-    return Finding(tuple(Hypothesis(name, (name,), own) for name, own in estimates.items()), value[best] - value[rest])
+    return TaskFinding(
+        tuple(Hypothesis(name, (name,), own) for name, own in estimates.items()), value[best] - value[rest]
+    )

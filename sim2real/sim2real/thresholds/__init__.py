@@ -37,7 +37,7 @@ class Thresholds:
     verdict: checks.Verdict = checks.Verdict()
     floor: checks.Floor = checks.Floor()
     shrinkage: checks.Shrinkage = checks.Shrinkage()
-    ambiguity: consequences.Ambiguity = consequences.Ambiguity()
+    ambiguity: consequences.AmbiguityThresholds = consequences.AmbiguityThresholds()
     power: consequences.Power = consequences.Power()
     simulation: consequences.Simulating = consequences.Simulating()
     patching: consequences.Patching = consequences.Patching()

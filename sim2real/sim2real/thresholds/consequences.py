@@ -8,7 +8,7 @@ from sim2real.thresholds.entry import DEVELOPMENT, JUDGEMENT, NUMERICS, threshol
 
 
 @dataclass(frozen=True)
-class Ambiguity:
+class AmbiguityThresholds:
     """Which models leave a question open (experiments/ambiguity.py)."""
 
     rivals: int = threshold(3, "models", "rivals at most", JUDGEMENT)

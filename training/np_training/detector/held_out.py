@@ -32,7 +32,7 @@ PATTERNS = 8  # of tables that are patterned
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class LabelledImage:
     """One labelled image: image (224, 224, 3) uint8, truth (8, 2) px, visible (8,), present (8,)."""
 
     image: np.ndarray
@@ -50,7 +50,7 @@ def held_out_images(
     patterned: bool,
     visited: torch.Tensor | None = None,
     meshes: bool = False,
-) -> Iterator[HeldOut]:
+) -> Iterator[LabelledImage]:
     """So many labelled images from `renderer` (see np_sim_bridge.renderer); visited: states (m, 16) of episodes, from
     which most are taken; meshes: the arm as it looks (`make meshes`), not patterned."""
     generator = torch.Generator().manual_seed(seed)
@@ -71,7 +71,7 @@ def held_out_images(
             blocks = corner_blocks(model)
             visible = corner_visibility(geoms, pixels, blocks)[0]
             present = inside_image(pixels)[0] & bool(object_area(geoms, blocks) >= LEAST_AREA)
-            yield HeldOut(image, pixels[0].numpy(), visible.numpy(), present.numpy())
+            yield LabelledImage(image, pixels[0].numpy(), visible.numpy(), present.numpy())
         camera.close()
 
 

@@ -17,7 +17,7 @@ from np_description.domains import Domain
 from np_description.objects.choice import domain_with
 from np_perception.detector import KeypointDetector
 from np_sim_bridge.renderer import egl_works
-from np_training.detector.held_out import SHIFTED_LOOK, HeldOut, held_out_images
+from np_training.detector.held_out import SHIFTED_LOOK, LabelledImage, held_out_images
 from np_training.detector.metrics import summarise
 from np_training.detector.network import RELIABLE
 from np_training.detector.render import NOMINAL_LOOK
@@ -34,7 +34,7 @@ LIKE = {"meshes": "nominal"}
 """Sets with the states of another."""
 
 
-def judge(detector: KeypointDetector, images: Iterator[HeldOut], total: int, name: str) -> tuple[dict, list]:
+def judge(detector: KeypointDetector, images: Iterator[LabelledImage], total: int, name: str) -> tuple[dict, list]:
     """Figures, and (worst visible error px, image, detection) of each image that shows the object."""
     rows, pictures = [], []
     for i, sample in enumerate(images):

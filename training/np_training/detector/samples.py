@@ -32,7 +32,7 @@ class SampleConfig:
     augmentation: Augmentation = Augmentation()
 
 
-class Batch(NamedTuple):
+class LabelledImages(NamedTuple):
     """images (n, 3, 224, 224); pixels (n, 8, 2) of the corners; visible, present (n, 8) bool; second: the same
     renderings augmented anew, or None.
 
@@ -47,7 +47,7 @@ class Batch(NamedTuple):
     second: Tensor | None = None
 
 
-class Samples:
+class ImageGenerator:
     """Endless labelled images of a domain; visited: states (m, 16) of recorded episodes; pairs: whether every
     rendering is augmented twice."""
 
@@ -67,13 +67,13 @@ class Samples:
         self._kept: deque[Frames] = deque(maxlen=KEPT)
         self._drawn = 0
 
-    def draw(self) -> Batch:
+    def draw(self) -> LabelledImages:
         """The next batch, of the renderer's size."""
         frames = self._frames()
         images, pixels = augment(frames, self.generator, self.config.augmentation)
         second = augment(frames, self.generator, self.config.augmentation)[0] if self.pairs else None
         present = inside_image(pixels) & (frames.object_area >= LEAST_AREA)[:, None]
-        return Batch(images, pixels, frames.visible, present, second)
+        return LabelledImages(images, pixels, frames.visible, present, second)
 
     def _frames(self) -> Frames:
         """New renderings, or some of those that are kept."""

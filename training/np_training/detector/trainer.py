@@ -20,13 +20,13 @@ from np_training.detector.contrast import ContrastConfig, MomentumContrast
 from np_training.detector.metrics import summarise
 from np_training.detector.network import RELIABLE, KeypointNetwork, NetworkConfig, heatmap_loss
 from np_training.detector.render import SceneRenderer
-from np_training.detector.samples import Batch, SampleConfig, Samples
+from np_training.detector.samples import ImageGenerator, LabelledImages, SampleConfig
 
 HELD_OUT_STREAM = 999_983  # of random numbers; training uses the number of its first step
 
 
 @dataclass(frozen=True)
-class TrainConfig:
+class DetectorConfig:
     """batch: images a step; rate: peak learning rate; warm_up: steps; sigma px of the target; score_weight of
     the score's loss; average: decay of the weights' moving average a step; pool: states drawn at once;
     held_out: images of the evaluation at the end; report, save: seconds between progress lines and between
@@ -49,7 +49,7 @@ class TrainConfig:
     edges: tuple[float, float] | None = None
 
 
-class Trainer:
+class DetectorTrainer:
     """The network, its optimiser and moving average, and what must survive an interruption."""
 
     def __init__(
@@ -57,7 +57,7 @@ class Trainer:
         domain: Domain,
         device: str,
         seed: int,
-        config: TrainConfig = TrainConfig(),
+        config: DetectorConfig = DetectorConfig(),
         network: NetworkConfig = NetworkConfig(),
         command: str = "",
         visited: Tensor | None = None,
@@ -74,14 +74,14 @@ class Trainer:
         self.optimiser = torch.optim.AdamW(learning, lr=config.rate, weight_decay=1e-4, fused=True)
         self.step, self.seconds = 0, 0.0
 
-    def samples(self, stream: int, pairs: bool = False) -> Samples:
-        """Images of a random stream of their own; pairs: see `Samples`."""
+    def samples(self, stream: int, pairs: bool = False) -> ImageGenerator:
+        """Images of a random stream of their own; pairs: see `ImageGenerator`."""
         generator = torch.Generator(device=self.device).manual_seed(self.seed * 1_000_003 + stream)
-        return Samples(
+        return ImageGenerator(
             self.domain, self.renderer, self.config.pool, generator, self.config.samples, self.visited, pairs
         )
 
-    def update(self, batch: Batch, progress: float) -> dict[str, Tensor]:
+    def update(self, batch: LabelledImages, progress: float) -> dict[str, Tensor]:
         """One gradient step, `progress` of the way; losses and errors as tensors on the device."""
         images, truth, visible, mask, second = batch
         warm = min(1.0, (self.step + 1) / self.config.warm_up)

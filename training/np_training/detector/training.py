@@ -17,7 +17,7 @@ from np_training.detector.augment import Augmentation
 from np_training.detector.contrast import ContrastConfig
 from np_training.detector.network import RELIABLE
 from np_training.detector.samples import SampleConfig
-from np_training.detector.trainer import TrainConfig, Trainer
+from np_training.detector.trainer import DetectorConfig, DetectorTrainer
 from np_training.detector.visited import load_visited
 
 FLAGS = ("no_contrast", "keep_background", "always_background")  # what the record of a training says was given
@@ -25,7 +25,7 @@ DEFAULTED = ("batch", "rate", "pool", "held_out")  # by TrainConfig, where the c
 WARM_UP_STREAM = 999_979  # of random numbers
 
 
-def train(trainer: Trainer, out: Path, steps: int | None, seconds: float, say: Callable[[str], None]) -> dict:
+def train(trainer: DetectorTrainer, out: Path, steps: int | None, seconds: float, say: Callable[[str], None]) -> dict:
     """Train until `steps` more are done or `seconds` have passed; the held-out figures at the end."""
     config, began, first = trainer.config, time.monotonic(), trainer.step
     checkpoint, weights = out / "checkpoint.pt", out / f"keypoint_detector_{trainer.domain.name}.safetensors"
@@ -95,7 +95,7 @@ def run(options: argparse.Namespace, began: float) -> dict:
     domain = find_domain(options.domain)
     augmentation = augmentation_for(options.keep_background, options.always_background)
     given = {name: getattr(options, name) for name in DEFAULTED if getattr(options, name) is not None}
-    config = TrainConfig(
+    config = DetectorConfig(
         **given,
         contrast=None if options.no_contrast else ContrastConfig(),
         edges=tuple(options.sizes) if options.sizes else None,
@@ -125,7 +125,7 @@ def run(options: argparse.Namespace, began: float) -> dict:
             *(f"--{name.replace('_', '-')}" for name in FLAGS if getattr(options, name)),
         ]
     )
-    trainer = Trainer(domain, options.device, options.seed, config, command=command, visited=visited)
+    trainer = DetectorTrainer(domain, options.device, options.seed, config, command=command, visited=visited)
     if (options.out / "checkpoint.pt").exists():
         trainer.load(options.out / "checkpoint.pt")
         say(f"continues from step {trainer.step}")

@@ -13,7 +13,7 @@ PERIOD = 0.1  # s between positions: the policy's
 
 
 @dataclass(frozen=True)
-class Recording:
+class RecordedEpisodes:
     """domain: name; mode (n,): names of how the episodes ended; length (n,) policy steps; goals (n, 7):
     position m, quaternion wxyz; qpos (steps + 1, n, 16); tips (n,): quarter turns that the task needs, 0
     where the domain has none."""
@@ -52,13 +52,13 @@ def save_recording(path: Path, domain: str, episodes: Episodes) -> None:
         )
 
 
-def load_recording(path: Path) -> Recording:
+def load_recording(path: Path) -> RecordedEpisodes:
     """Read what `save_recording` wrote. Raises ValueError where something is missing."""
     with np.load(path) as file:
-        missing = set(Recording.__dataclass_fields__) - set(file.files)
+        missing = set(RecordedEpisodes.__dataclass_fields__) - set(file.files)
         if missing:
             raise ValueError(
                 f"recording {path}: expected the arrays of np_training.evaluate --record, "
                 f"without {', '.join(sorted(missing))}"
             )
-        return Recording(**{name: file[name] if file[name].ndim else str(file[name]) for name in file.files})
+        return RecordedEpisodes(**{name: file[name] if file[name].ndim else str(file[name]) for name in file.files})

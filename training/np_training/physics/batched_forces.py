@@ -16,7 +16,7 @@ import warp as wp
 from np_description.contact.penetration import kind_of, pair_of
 from np_description.force_reflex import FORCE_REFLEX, WRENCH_DAMPING
 from np_training.physics.chain import (
-    Chain,
+    KinematicChain,
     cholesky,
     cholesky_solve,
     jacobian,
@@ -48,7 +48,7 @@ def length3(wrench: vec6, first: int):
 @wp.kernel
 def force_kernel(
     substep: int,
-    chain: Chain,
+    chain: KinematicChain,
     blend: float,
     apart_steps: int,
     threshold: vec7,

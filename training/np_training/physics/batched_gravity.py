@@ -8,7 +8,7 @@ import warp as wp
 
 from np_common.rotations import matrix_from_quaternion
 from np_description.panda import NOMINAL, PandaModel
-from np_training.physics.chain import Chain, make_chain, posture, vec7
+from np_training.physics.chain import KinematicChain, make_chain, posture, vec7
 
 wp.set_module_options({"max_unroll": 1, "enable_backward": False})
 
@@ -18,7 +18,7 @@ mat73 = wp.types.matrix(shape=(7, 3), dtype=float)
 
 @wp.kernel
 def hold_kernel(
-    chain: Chain,
+    chain: KinematicChain,
     mass: vec7,
     com: mat73,
     gravity: wp.vec3,

@@ -11,7 +11,7 @@ import warp as wp
 
 from np_control.kinematics import IK_DAMPING, IK_ITERATIONS
 from np_training.physics.chain import (
-    Chain,
+    KinematicChain,
     cholesky,
     cholesky_solve,
     jacobian,
@@ -28,7 +28,7 @@ wp.set_module_options({"max_unroll": 1, "enable_backward": False})
 
 @wp.kernel
 def forward_kernel(
-    chain: Chain,
+    chain: KinematicChain,
     q: wp.array2d(dtype=float),
     position: wp.array(dtype=wp.vec3),
     rotation: wp.array(dtype=wp.mat33),
@@ -42,7 +42,7 @@ def forward_kernel(
 
 @wp.kernel
 def inverse_kernel(
-    chain: Chain,
+    chain: KinematicChain,
     iterations: int,
     damping: float,
     q: wp.array2d(dtype=float),

@@ -24,7 +24,7 @@ vec6 = wp.types.vector(length=6, dtype=float)
 
 
 @wp.struct
-class Chain:
+class KinematicChain:
     """Fixed transforms (9,), link to link, then hand and T_E; position_lower, position_upper (7,) rad."""
 
     position: wp.array(dtype=wp.vec3)
@@ -34,10 +34,10 @@ class Chain:
 
 
 @cache
-def make_chain(device: str, panda: PandaModel = NOMINAL) -> Chain:
+def make_chain(device: str, panda: PandaModel = NOMINAL) -> KinematicChain:
     """The arm for kernels on a device."""
     frames = [*panda.joint_frames, panda.frames["link7_hand"], panda.frames["hand_tcp"]]
-    chain = Chain()
+    chain = KinematicChain()
     chain.position = wp.array([f.position for f in frames], dtype=wp.vec3, device=device)
     chain.rotation = wp.array([xyzw_from_wxyz(f.quaternion) for f in frames], dtype=wp.quat, device=device)
     chain.position_lower = vec7(*map(float, panda.position_lower))
@@ -46,7 +46,7 @@ def make_chain(device: str, panda: PandaModel = NOMINAL) -> Chain:
 
 
 @wp.func
-def joint_frames(chain: Chain, q: vec7):
+def joint_frames(chain: KinematicChain, q: vec7):
     """Position and rotation of T_E at joints q; origins of the joints, then their axes (6 x 7), in the base frame."""
     at = wp.vec3(0.0, 0.0, 0.0)
     turned = wp.quat_identity()

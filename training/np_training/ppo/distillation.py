@@ -31,7 +31,7 @@ from np_training.environment import contact
 from np_training.environment.environment import as_seen, corners, pre_contact_state
 from np_training.environment.view import BatchedView
 from np_training.physics.config import physics_for
-from np_training.ppo.networks import PreContactPolicy
+from np_training.ppo.networks import PreContactActor
 from np_training.setting import chosen, domain_of, setting_of
 from np_training.tasks.poses import Poses
 from np_training.tasks.practice import draw_tasks
@@ -105,7 +105,7 @@ def _keypoints(domain: Domain, objects: Poses, goals: Poses, view: BatchedView) 
 
 def distil(
     domain: Domain,
-    teacher: PreContactPolicy,
+    teacher: PreContactActor,
     device: str,
     minutes: float,
     batch: int = 8192,
@@ -182,7 +182,7 @@ def distil_checkpoint(arguments: argparse.Namespace, refuse: Callable[[str], NoR
         domain = domain_of(chosen(setting, domain=arguments.domain, object=arguments.object))
     except ValueError as error:
         refuse(str(error))
-    teacher = PreContactPolicy().to(arguments.device)
+    teacher = PreContactActor().to(arguments.device)
     teacher.load_state_dict({name[4:]: tensor for name, tensor in state["networks"].items() if name.startswith("pre.")})
     student, figures = distil(
         domain,

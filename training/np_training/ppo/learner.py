@@ -37,7 +37,7 @@ def advantages(
 
 
 @dataclass(frozen=True)
-class Batch:
+class PolicySamples:
     """Samples (n, ...): what the policy saw, what its critic saw, what was done and how probable that was (n,), how much better
     than expected it went (n,) and what came of it (n,)."""
 
@@ -85,7 +85,7 @@ class Learner:
     def _rate(self) -> torch.Tensor:
         return self.policy_optimiser.param_groups[0]["lr"]
 
-    def update(self, batch: Batch) -> dict[str, float]:
+    def update(self, batch: PolicySamples) -> dict[str, float]:
         """Several epochs over one batch; returns the mean of each statistic.
 
         With several processes the batch is the union of theirs, which may differ in length: losses are sums
@@ -122,7 +122,7 @@ class Learner:
         """The message of a step: statistics and gradients of the columns of a batch (n, ...), the policy's means (n, k) and deviation
         (1, k) before the first step, and the share (n,) by which each row counts."""
         *columns, old_mean, old_std, share = tensors
-        batch = Batch(*columns)
+        batch = PolicySamples(*columns)
         normal = distribution(self.policy, batch.state)
         # Far beyond the clip the ratio says nothing more, and exp would overflow: infinity times an advantage of 0 is NaN.
         log_ratio = normal.log_prob(batch.action).sum(-1) - batch.log_probability

@@ -24,7 +24,7 @@ def read_log(path: Path) -> list[dict[str, float]]:
     return [row for _, row in sorted({row["iteration"]: row for row in parsed}.items())]
 
 
-class Log:
+class TrainingLog:
     """Appends rows. A file with other columns, or whose last row was cut short, is rewritten first, keeping
     its rows."""
 

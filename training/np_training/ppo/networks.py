@@ -14,7 +14,7 @@ from np_training.environment.environment import PRE_STATE_SIZE, PRIVILEGED_SIZE
 LOG_STD = -3.0, 0.5  # between which actions are drawn
 
 
-class PreContactPolicy(nn.Module):
+class PreContactActor(nn.Module):
     """Object and goal pose (n, 18) to the mean contact action (n, 9) in [-1, 1]."""
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class ActorCritic(nn.Module):
         super().__init__()
         self.post = PostContactNetwork()
         self.post_value = mlp(POST_SIZE + PRIVILEGED_SIZE, HIDDEN, 1)
-        self.pre = PreContactPolicy()
+        self.pre = PreContactActor()
         self.pre_value = mlp(PRE_STATE_SIZE, HIDDEN, 1)
 
 

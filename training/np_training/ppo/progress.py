@@ -9,7 +9,7 @@ from typing import TextIO
 from np_training.ppo.curriculum import STAGES
 
 
-class Progress:
+class TrainingProgress:
     """every: seconds between lines where the stream is no terminal; the first row is always shown."""
 
     def __init__(self, stream: TextIO | None = None, every: float = 60.0) -> None:

@@ -15,7 +15,7 @@ from np_training.environment.environment import Environment
 from np_training.ppo import distributed
 from np_training.ppo.config import PPOConfig, TrainConfig
 from np_training.ppo.curriculum import Curriculum
-from np_training.ppo.learner import Batch, Learner, advantages
+from np_training.ppo.learner import Learner, PolicySamples, advantages
 from np_training.ppo.networks import LOG_STD, ActorCritic, sample
 from np_training.setting import largest_turn
 from np_training.tasks.breakdown import groups
@@ -234,7 +234,9 @@ class Trainer:
         returns = gain + stacked["value"]
         flat = {name: tensor.flatten(0, 1) for name, tensor in stacked.items()}
         post = self.post.update(
-            Batch(flat["state"], flat["critic"], flat["action"], flat["logp"], gain.flatten(), returns.flatten())
+            PolicySamples(
+                flat["state"], flat["critic"], flat["action"], flat["logp"], gain.flatten(), returns.flatten()
+            )
         )
         rejected = env.starts.rejected()
         failure = torch.full((len(rejected),), env.config.reward.failure * env.config.reward.scale, device=env.device)
@@ -253,7 +255,7 @@ class Trainer:
         if episodes >= self.config.pre_least:
             with torch.no_grad():
                 baseline = nets.pre_value(pre_state)[:, 0]
-            pre = self.pre.update(Batch(pre_state, pre_state, pre_action, pre_logp, total - baseline, total))
+            pre = self.pre.update(PolicySamples(pre_state, pre_state, pre_action, pre_logp, total - baseline, total))
             row |= {f"pre_{name}": value for name, value in pre.items()}
             row["pre_std"] = float(nets.pre.log_std.detach().exp().mean())
         return row

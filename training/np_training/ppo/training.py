@@ -18,8 +18,8 @@ from np_training.physics.config import physics_for
 from np_training.ppo import distributed
 from np_training.ppo.config import PPOConfig, TrainConfig
 from np_training.ppo.curriculum import CurriculumConfig
-from np_training.ppo.log import Log
-from np_training.ppo.progress import Progress
+from np_training.ppo.log import TrainingLog
+from np_training.ppo.progress import TrainingProgress
 from np_training.ppo.trainer import Trainer
 from np_training.setting import setting_of
 from np_training.tasks.rewards import RewardConfig
@@ -197,7 +197,7 @@ def train_stage(
     if first:
         arguments.out.mkdir(parents=True, exist_ok=True)
         write_config(trainer, arguments.out / "config.json")
-        log, progress = Log(arguments.out / "log.csv"), Progress(every=arguments.show_every)
+        log, progress = TrainingLog(arguments.out / "log.csv"), TrainingProgress(every=arguments.show_every)
     while True:
         started, before = time.monotonic(), trainer.steps
         row = trainer.iterate()

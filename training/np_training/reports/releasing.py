@@ -24,7 +24,7 @@ from np_policy.weights import load, save, sha256
 from np_training.checkpoints import read_state
 from np_training.contracts import trained_contract
 from np_training.ppo.learner import learning_rate
-from np_training.report import PHYSICS_STEPS, Run, read_run
+from np_training.report import PHYSICS_STEPS, TrainingRun, read_run
 from np_training.reports.curves import draw_curves
 from np_training.reports.curves import save as save_figure
 from np_training.setting import RESULTS, UNSAID, WEIGHTS, chosen, domain_of, setting_of
@@ -137,7 +137,7 @@ def check_place(played: str, weights: Path) -> None:
 
 
 def release(
-    run: Run,
+    run: TrainingRun,
     state: dict,
     student: Path,
     weights: Path,

@@ -24,7 +24,7 @@ import numpy as np
 from np_blind.arm.evaluation.held_out_motion import heldout_gaps
 from np_blind.arm.evaluation.patched_arm import PatchError, patched_physics, read_patch
 from np_blind.arm.evaluation.scoring import Score, modules, score_case, score_gap, summary
-from np_blind.arm.sampling.cases import Case
+from np_blind.arm.sampling.cases import ArmCase
 from np_blind.arm.sampling.faults import EFFECTS, limit_of
 from np_blind.repository import relative
 from np_common.parent_process import end_with_parent
@@ -97,9 +97,9 @@ def as_report(patch: Sequence[Mapping]) -> dict:
 
 def score_baselines(
     entries: Sequence[Mapping],
-    cases: Sequence[Case],
+    cases: Sequence[ArmCase],
     folders: Sequence[Path],
-    parts: Sequence[Sequence[Case]],
+    parts: Sequence[Sequence[ArmCase]],
     pool: Executor,
 ) -> dict[str, dict]:
     """Figures of every baseline on the cases, by its name; entries: theirs of the key; parts: the cases, shared

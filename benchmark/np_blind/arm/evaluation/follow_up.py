@@ -12,7 +12,7 @@ import numpy as np
 from sim2real.excitation.suite import make_suite
 
 from np_blind.arm.loop import make_targets, run_stable_arms
-from np_blind.arm.sampling.cases import UNKNOWN_FAULT_KIND, Case, make_physics
+from np_blind.arm.sampling.cases import UNKNOWN_FAULT_KIND, ArmCase, make_physics
 from np_blind.repository import relative
 
 FOLDER = "next"
@@ -29,7 +29,7 @@ def suggested_experiment(folder: Path) -> str | None:
     return wanted.get("name") if report.get("verdict") == "ambiguous" and "command" in wanted else None
 
 
-def follow_up(case: Case, bag: Path, folder: Path, ask: Callable[[Sequence[Path], Path], str]) -> None:
+def follow_up(case: ArmCase, bag: Path, folder: Path, ask: Callable[[Sequence[Path], Path], str]) -> None:
     """Where the doctor's report in `folder` asks for it, move the arm of a case again, and ask once more.
 
     ask(bags, folder) runs the doctor and says what went wrong. The second answer goes to folder/next.
@@ -57,7 +57,7 @@ def follow_up(case: Case, bag: Path, folder: Path, ask: Callable[[Sequence[Path]
     shutil.rmtree(second)
 
 
-def is_settled(entry: Mapping, folder: Path) -> bool | None:
+def is_answered(entry: Mapping, folder: Path) -> bool | None:
     """Whether the second answer is sure and right: `identified` with what the key says and nothing else,
     `no_gap`
     of a clean arm, `unexplained` of a fault out of the catalogue. None where there was no second recording."""

@@ -12,7 +12,7 @@ from sim2real.excitation.suite import READY, SCALE, Segment
 from np_blind.arm.evaluation.patched_arm import patched_physics
 from np_blind.arm.loop import Targets, make_targets, run_stable_arms
 from np_blind.arm.plant.physics import Physics, stack
-from np_blind.arm.sampling.cases import Case, make_physics
+from np_blind.arm.sampling.cases import ArmCase, make_physics
 from np_control.impedance import STIFFNESS_MAX
 
 LOST = 1.0  # rad
@@ -48,7 +48,7 @@ def gaps(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.sqrt(((one - other) ** 2).mean(axis=(0, 2)))
 
 
-def heldout_gaps(cases: Sequence[Case], patches: Sequence[list[dict]]) -> list[tuple[float, float, float]]:
+def heldout_gaps(cases: Sequence[ArmCase], patches: Sequence[list[dict]]) -> list[tuple[float, float, float]]:
     """For each case, gaps rad of the nominal arm, of the nominal arm with the true faults, and of the patched
     one.
 
@@ -64,8 +64,8 @@ def heldout_gaps(cases: Sequence[Case], patches: Sequence[list[dict]]) -> list[t
         return [(nominal, oracle, LOST)]
 
 
-def _heldout_gaps(cases: Sequence[Case], patches: Sequence[list[dict]]) -> list[tuple[float, float, float]]:
-    clean = [Case(case.number, "null", (), case.seed) for case in cases]
+def _heldout_gaps(cases: Sequence[ArmCase], patches: Sequence[list[dict]]) -> list[tuple[float, float, float]]:
+    clean = [ArmCase(case.number, "null", (), case.seed) for case in cases]
     arms = [
         make_physics(list(cases))[0],
         make_physics(clean, background=False)[0],

@@ -20,7 +20,7 @@ from np_blind.arm.evaluation import baselines as others
 from np_blind.arm.evaluation.follow_up import follow_up
 from np_blind.arm.generate import bag_path, batches, make_bags, recording_path, reference_path
 from np_blind.arm.sampling import six_hinges
-from np_blind.arm.sampling.cases import Case
+from np_blind.arm.sampling.cases import ArmCase
 from np_blind.repository import relative
 from np_common.cli import Progress
 from np_common.parallel import SINGLE_THREAD, Workers
@@ -61,7 +61,7 @@ def write_error(out: Path, number: int, error: str) -> None:
 
 
 def diagnose_cases(
-    cases: Sequence[Case], only: Sequence[str], asking: DiagnosisJob, jobs: int, workers: Workers
+    cases: Sequence[ArmCase], only: Sequence[str], asking: DiagnosisJob, jobs: int, workers: Workers
 ) -> None:
     """Bags and answers of all cases that have none yet. workers(jobs) gives an executor.
 
@@ -71,7 +71,7 @@ def diagnose_cases(
         _answer(cases, only, asking, jobs, pool)
 
 
-def _answer(cases: Sequence[Case], only: Sequence[str], asking: DiagnosisJob, jobs: int, pool) -> None:
+def _answer(cases: Sequence[ArmCase], only: Sequence[str], asking: DiagnosisJob, jobs: int, pool) -> None:
     out = asking.out
     answered = {c.number for c in cases if is_diagnosed(out, c.number)}
     recorded = {c.number for c in cases if _is_recorded(out, c)} - answered
@@ -108,12 +108,12 @@ def _lost(future: Future) -> str:
     return f"{type(error).__name__}: {error}" if error else ""
 
 
-def _is_recorded(out: Path, case: Case) -> bool:
+def _is_recorded(out: Path, case: ArmCase) -> bool:
     paths = [bag_path(out, case.number), *([reference_path(out, case.number)] if case.day else [])]
     return all(recording_path(path).exists() for path in paths)
 
 
-def _record(cases: Sequence[Case], only: Sequence[str], asking: DiagnosisJob) -> dict[int, str]:
+def _record(cases: Sequence[ArmCase], only: Sequence[str], asking: DiagnosisJob) -> dict[int, str]:
     """`make_bags`, case by case where one of them breaks it."""
     try:
         return make_bags(cases, only, asking.out)
@@ -125,7 +125,7 @@ def _record(cases: Sequence[Case], only: Sequence[str], asking: DiagnosisJob) ->
         return {n: error for case in cases for n, error in _record([case], only, asking).items()}
 
 
-def diagnose_case(case: Case, asking: DiagnosisJob) -> None:
+def diagnose_case(case: ArmCase, asking: DiagnosisJob) -> None:
     """Run the doctor, and the baselines where they are asked for, on the bag of a case; what they say goes to
     reports/case_*."""
     try:
@@ -142,7 +142,7 @@ def _remove_bags(out: Path, number: int) -> None:
         shutil.rmtree(path, ignore_errors=True)
 
 
-def _ask_doctor(case: Case, asking: DiagnosisJob) -> str:
+def _ask_doctor(case: ArmCase, asking: DiagnosisJob) -> str:
     """What went wrong."""
     bag, folder = bag_path(asking.out, case.number), report_path(asking.out, case.number)
     folder.mkdir(parents=True, exist_ok=True)

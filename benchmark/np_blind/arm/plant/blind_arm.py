@@ -12,7 +12,7 @@ import numpy as np
 
 from np_blind.arm.plant.hysteresis import bouc_wen, lugre, prandtl
 from np_blind.arm.plant.physics import Physics
-from np_blind.arm.plant.rigid_arm import PANDA, Chain, RigidArms
+from np_blind.arm.plant.rigid_arm import PANDA, HingedArm, RigidArms
 from np_blind.arm.plant.unknown_fault_physics import UnknownFaultPhysics, eccentric_encoder_error, encoder_slip
 
 PERIOD = 0.002  # s, of control
@@ -22,14 +22,14 @@ LONGEST_DELAY = 0.02  # s
 HOLDS = 0.004  # rad/s, up to which friction is that of standstill
 
 
-class Plant:
+class BatchedArms:
     """B arms in motion. `step` takes the commands of one control period.
 
     q, dq (B, 7): links; theta, omega (B, 7): motors, the same where the gear is stiff. torque (B, 7) Nm: what
     the drives gave on average over the last period, gravity compensation apart; that is held.
     """
 
-    def __init__(self, physics: Physics, start: np.ndarray, rng: list[np.random.Generator], arm: Chain = PANDA):
+    def __init__(self, physics: Physics, start: np.ndarray, rng: list[np.random.Generator], arm: HingedArm = PANDA):
         arms = len(physics)
         self.physics, self._rng = physics, rng
         self.q = np.tile(np.asarray(start, dtype=float), (arms, 1))

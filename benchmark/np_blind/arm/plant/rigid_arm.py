@@ -55,7 +55,7 @@ class Inertials:
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class HingedArm:
     """An arm of n hinges as it should be: the frame of each joint in the link before it, z its axis; rotors kg m^2; links, of one arm."""
 
     joint_frames: Sequence[Frame]
@@ -102,7 +102,7 @@ def tcp_in_link7(panda: PandaModel = NOMINAL) -> np.ndarray:
 
 
 class RigidArms:
-    """Mass matrix, velocity and gravity torques of B arms with these inertials; joint_frames: as of `Chain`."""
+    """Mass matrix, velocity and gravity torques of B arms with these inertials; joint_frames: as of `HingedArm`."""
 
     def __init__(self, inertials: Inertials, joint_frames: Sequence[Frame] = NOMINAL.joint_frames):
         self.inertials = inertials
@@ -221,4 +221,4 @@ def _frame(panda: PandaModel, name: str) -> tuple[np.ndarray, np.ndarray]:
     return matrix_from_quaternion(frame.quaternion), frame.position
 
 
-PANDA = Chain(tuple(NOMINAL.joint_frames), NOMINAL.armature, nominal_inertials(1))
+PANDA = HingedArm(tuple(NOMINAL.joint_frames), NOMINAL.armature, nominal_inertials(1))

@@ -57,7 +57,7 @@ _ALIKE = (
 
 
 @dataclass(frozen=True)
-class Case:
+class ArmCase:
     """One arm to be: its kind, of `KINDS`; its faults; seed: of everything random about it.
 
     In a set of changes faults are what came between two days, always what it had before; day 0: of any other set.
@@ -89,12 +89,12 @@ class Sizes:
     most: float = np.inf
 
 
-def baseline_case(case: Case) -> Case:
+def baseline_case(case: ArmCase) -> ArmCase:
     """The arm of a set of changes on the first day."""
     return replace(case, kind="null", faults=(), day=FIRST_DAY)
 
 
-def draw_cases(count: int, seed: int, which: str) -> list[Case]:
+def draw_cases(count: int, seed: int, which: str) -> list[ArmCase]:
     """`count` cases of one of `SETS`. Kinds, and effects within them, are balanced.
 
     Of sets of changes the arms on the second day.
@@ -123,11 +123,11 @@ def draw_cases(count: int, seed: int, which: str) -> list[Case]:
             faults = (Fault(name, joint, _size(own, 3.0, 10.0)),)
         else:
             faults = ()
-        cases.append(Case(number, str(kind), faults, (*root, 2, number)))
+        cases.append(ArmCase(number, str(kind), faults, (*root, 2, number)))
     return cases
 
 
-def _draw_changes(count: int, root: tuple[int, int]) -> list[Case]:
+def _draw_changes(count: int, root: tuple[int, int]) -> list[ArmCase]:
     rng = np.random.default_rng([*root, 0])
     kinds = rng.permutation(np.where(np.arange(count) < round(UNCHANGED * count), "null", "single"))
     effects, draw = (six_hinges.EFFECTS, _fault_of_six) if root[0] in SIX_HINGES else (EFFECTS, _fault)
@@ -142,11 +142,11 @@ def _draw_changes(count: int, root: tuple[int, int]) -> list[Case]:
             fault = draw(str(own.choice(effects)), own, replace(sizes, most=LARGEST_ALWAYS))
             if all(_are_apart(fault, other) for other in (*faults, *always)):
                 always += (fault,)
-        cases.append(Case(number, str(kind), faults, (*root, 2, number), always, SECOND_DAY))
+        cases.append(ArmCase(number, str(kind), faults, (*root, 2, number), always, SECOND_DAY))
     return cases
 
 
-def make_physics(cases: list[Case], background: bool = True) -> tuple[Physics, list[list[Parameters]]]:
+def make_physics(cases: list[ArmCase], background: bool = True) -> tuple[Physics, list[list[Parameters]]]:
     """The arms of cases of one set, and of each what exactly its faults are: changes against the arm as it was, where it has two days.
 
     background: what every arm of the test has (`apply_background`).

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from np_blind.arm.plant.physics import Physics
-from np_blind.arm.plant.rigid_arm import Chain, Inertials, gravity_of
+from np_blind.arm.plant.rigid_arm import HingedArm, Inertials, gravity_of
 from np_blind.arm.sampling.faults import ARM, Fault, Parameters, give_effect
 from np_description.panda import Frame
 
@@ -88,14 +88,14 @@ def _of_joints(name: str) -> np.ndarray:
 
 
 @cache
-def chain() -> Chain:
+def chain() -> HingedArm:
     """The arm as it should be."""
     frames = tuple(Frame(_numbers(body.get("pos")), _numbers(body.get("quat"))) for body in _bodies())
     bodies = [body.find("inertial") for body in _bodies()]
     mass = np.array([float(body.get("mass")) for body in bodies])
     com = np.array([_numbers(body.get("pos")) for body in bodies])
     inertia = np.array([np.diag(_numbers(body.get("diaginertia"))) for body in bodies])
-    return Chain(frames, _of_joints("armature"), Inertials(mass[None], com[None], inertia[None], gravity_of(1)))
+    return HingedArm(frames, _of_joints("armature"), Inertials(mass[None], com[None], inertia[None], gravity_of(1)))
 
 
 def nominal_physics(arms: int) -> Physics:

@@ -13,7 +13,7 @@ from np_franka.client import ArmError, ArmReading, Client, ConnectionLost, Motio
 SETTLING = 0.5  # s that states on their way may be older than the last recovery
 
 
-class Arm:
+class FrankaArm:
     """One robot, as `open_client` connects to it. `is_connected`: states come; `is_controlled`: it takes
     torques.
 

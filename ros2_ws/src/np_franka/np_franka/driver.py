@@ -10,7 +10,7 @@ import numpy as np
 
 from np_control.controller import ControllerOutput
 from np_control.safety import AppliedCommand, Refusal, SafetyFilter, SafetyLimits, State
-from np_franka.arm import Arm
+from np_franka.arm import FrankaArm
 from np_franka.checklist import Checklist
 from np_franka.client import ArmError, ArmReading
 from np_franka.clock import RobotClock
@@ -46,7 +46,7 @@ class Driver:
 
     def __init__(
         self,
-        arm: Arm,
+        arm: FrankaArm,
         limits: SafetyLimits,
         checklist: Checklist,
         onboard: Onboard | None = None,

@@ -8,7 +8,7 @@ import numpy as np
 
 from np_common.rotations import matrix_from_vector
 from np_description.camera import Camera
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, QuantityValues, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity, QuantityValues
 
 
 def _moved(camera: Camera, values: QuantityValues) -> Camera:
@@ -21,7 +21,7 @@ def _moved(camera: Camera, values: QuantityValues) -> Camera:
 
 EFFECT = Effect(
     "camera_extrinsics",
-    Target.CAMERA,
+    EffectTarget.CAMERA,
     (
         *(Quantity(axis, "m", -0.1, 0.1) for axis in "xyz"),
         *(Quantity(f"turn_{axis}", "rad", -0.2, 0.2) for axis in "xyz"),

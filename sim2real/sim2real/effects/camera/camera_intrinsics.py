@@ -6,7 +6,7 @@ import numpy as np
 
 from np_common.rotations import namespace
 from np_description.camera import Camera
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, QuantityValues, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity, QuantityValues
 
 
 def _lens(pixels: np.ndarray, camera: Camera, values: QuantityValues) -> np.ndarray:
@@ -18,7 +18,7 @@ def _lens(pixels: np.ndarray, camera: Camera, values: QuantityValues) -> np.ndar
 
 EFFECT = Effect(
     "camera_intrinsics",
-    Target.CAMERA,
+    EffectTarget.CAMERA,
     (
         Quantity("focal", "1", -0.1, 0.1),
         Quantity("centre_u", "px", -20.0, 20.0),

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 
 EFFECT = Effect(
     "camera_latency",
-    Target.CAMERA,
+    EffectTarget.CAMERA,
     (Quantity("delay", "s", -0.3, 0.3),),
     detection_limit=DetectionLimit("s", 0.003, largest=40.0),
     sentence_template="images show the scene {delay:ms earlier/later} than their stamps say",

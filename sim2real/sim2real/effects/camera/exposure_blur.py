@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 
 EFFECT = Effect(
     "exposure_blur",
-    Target.CAMERA,
+    EffectTarget.CAMERA,
     (Quantity("duration", "s", 0.0, 0.1),),
     detection_limit=DetectionLimit("s", 0.006, largest=8.0),
     sentence_template="an image is exposed for {duration:ms}",

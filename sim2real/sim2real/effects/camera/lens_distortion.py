@@ -6,7 +6,7 @@ import numpy as np
 
 from np_common.rotations import namespace
 from np_description.camera import Camera
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, QuantityValues, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity, QuantityValues
 
 
 def _lens(pixels: np.ndarray, camera: Camera, values: QuantityValues) -> np.ndarray:
@@ -22,7 +22,7 @@ def _lens(pixels: np.ndarray, camera: Camera, values: QuantityValues) -> np.ndar
 
 EFFECT = Effect(
     "lens_distortion",
-    Target.CAMERA,
+    EffectTarget.CAMERA,
     (
         Quantity("k1", "1", -1.0, 1.0),
         Quantity("k2", "1", -4.0, 4.0),

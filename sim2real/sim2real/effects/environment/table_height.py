@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 
 EFFECT = Effect(
     "table_height",
-    Target.ENVIRONMENT,
+    EffectTarget.ENVIRONMENT,
     (Quantity("height", "m", -0.03, 0.03),),
     detection_limit=DetectionLimit("m", 0.001, largest=8.0),
     sentence_template="the table is {height:mm higher/lower}",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim2real.effects.background import INERTIA_ERROR, SURE
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.joint_arrays import add_to_joints
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
@@ -34,7 +34,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
 
 EFFECT = Effect(
     "armature",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (INERTIA,),
     _regressors,
     DetectionLimit("kg m^2", (0.03, 0.03, 0.03, 0.03, 0.01, 0.01, 0.008), (1, 2, 3, 4, 5, 6, 7)),

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import HookContext, ResistanceFunction, smooth_direction
 from sim2real.effects.joint_arrays import add_to_joints
@@ -74,7 +74,7 @@ def _uneven(values: HookContext) -> ResistanceFunction:
 
 EFFECT = Effect(
     "asymmetric_coulomb_friction",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (POSITIVE, NEGATIVE, REACH),
     _regressors,
     DetectionLimit("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import HookContext, ResistanceFunction
 from sim2real.effects.joint_arrays import add_to_joints
@@ -39,7 +39,7 @@ def _uneven(values: HookContext) -> ResistanceFunction:
 
 EFFECT = Effect(
     "asymmetric_viscous_friction",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (POSITIVE, NEGATIVE),
     _regressors,
     DetectionLimit("Nms/rad", (0.08, 0.08, 0.07, 0.07, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_description.panda import NOMINAL
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import HookContext, ResistanceFunction
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
@@ -35,7 +35,7 @@ def _pull(values: HookContext) -> ResistanceFunction:
 
 EFFECT = Effect(
     "cable_torque",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (STIFFNESS, OFFSET),
     _regressors,
     DetectionLimit("Nm/rad", (0.08, 0.06, 0.06, 0.06, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.joint_arrays import add_to_joints
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
@@ -26,7 +26,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
 
 EFFECT = Effect(
     "coulomb_friction",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (LEVEL,),
     _regressors,
     DetectionLimit("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),

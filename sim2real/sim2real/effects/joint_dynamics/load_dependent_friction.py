@@ -6,7 +6,7 @@ import numpy as np
 
 from np_description.panda import NOMINAL
 from sim2real.effects.background import WEIGHT_KNOWN
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import HookContext, ResistanceFunction, smooth_direction
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
@@ -34,7 +34,7 @@ def _by_load(values: HookContext) -> ResistanceFunction:
 
 EFFECT = Effect(
     "load_dependent_friction",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (COEFFICIENT,),
     _regressors,
     DetectionLimit("1", (0.02, 0.004, 0.008, 0.004, 0.02, 0.015, 0.03), (2, 3, 4, 6), largest=8),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_common.rotations import namespace
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import HookContext, ResistanceFunction
 from sim2real.effects.recurrences import dahl_state
@@ -55,7 +55,7 @@ def _bristles(values: HookContext) -> ResistanceFunction:
 
 EFFECT = Effect(
     "presliding_friction",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (LEVEL, STROKE),
     _regressors,
     DetectionLimit("Nm", (0.09, 0.09, 0.08, 0.08, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),

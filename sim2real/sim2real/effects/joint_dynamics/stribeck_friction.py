@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_common.rotations import namespace
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import HookContext, ResistanceFunction, smooth_direction
 from sim2real.effects.recurrences import smooth_sign
@@ -42,7 +42,7 @@ def _near_standstill(values: HookContext) -> ResistanceFunction:
 
 EFFECT = Effect(
     "stribeck_friction",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (BREAKAWAY, SPEED),
     _regressors,
     DetectionLimit("Nm", (0.08, 0.08, 0.07, 0.07, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7), largest=6),

@@ -6,7 +6,7 @@ import numpy as np
 
 from np_common.rotations import namespace
 from np_description.panda import NOMINAL
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import HookContext, ResistanceFunction, smooth_direction
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
@@ -58,7 +58,7 @@ def _drift(values: HookContext) -> ResistanceFunction:
 
 EFFECT = Effect(
     "thermal_drift",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (CHANGE, DURATION),
     _regressors,
     DetectionLimit("1", (0.15, 0.25, 0.17, 0.1, 0.06, 0.08, 0.1), (1, 4, 5, 6, 7), largest=4),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_common.rotations import namespace
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import HookContext, ResistanceFunction
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
@@ -44,7 +44,7 @@ def _ripple(values: HookContext) -> ResistanceFunction:
 
 EFFECT = Effect(
     "torque_ripple",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (SINE, COSINE, ORDER),
     _regressors,
     DetectionLimit("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.joint_arrays import add_to_joints
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
@@ -25,7 +25,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
 
 EFFECT = Effect(
     "viscous_friction",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (COEFFICIENT,),
     _regressors,
     DetectionLimit("Nms/rad", (0.08, 0.08, 0.07, 0.07, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),

@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 
 from np_description.keypoints import COUNT
-from sim2real.effects.effect import DetectionLimit, Disturbance, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Disturbance, Effect, EffectTarget, Quantity
 
 
 def _move(d: Disturbance) -> np.ndarray:
@@ -19,7 +19,7 @@ def _move(d: Disturbance) -> np.ndarray:
 
 EFFECT = Effect(
     "keypoint_noise",
-    Target.KEYPOINTS,
+    EffectTarget.KEYPOINTS,
     (Quantity("spread", "px", 0.0, 20.0), Quantity("memory", "1", 0.0, 0.99)),
     detection_limit=DetectionLimit("px", 0.5, largest=8.0),
     sentence_template="corners scatter by {spread:px}, each image keeping {memory:%} of the one before",

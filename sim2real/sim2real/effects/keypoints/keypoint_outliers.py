@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_description.keypoints import COUNT
-from sim2real.effects.effect import DetectionLimit, Disturbance, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Disturbance, Effect, EffectTarget, Quantity
 
 
 def _move(d: Disturbance) -> np.ndarray:
@@ -15,7 +15,7 @@ def _move(d: Disturbance) -> np.ndarray:
 
 EFFECT = Effect(
     "keypoint_outliers",
-    Target.KEYPOINTS,
+    EffectTarget.KEYPOINTS,
     (Quantity("share", "1", 0.0, 0.5), Quantity("size", "px", 0.0, 100.0)),
     detection_limit=DetectionLimit("1", 0.01, largest=8.0),
     sentence_template="{share:%} of the corners are found elsewhere, {size:px} away",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 
 EFFECT = Effect(
     "object_mass",
-    Target.OBJECT,
+    EffectTarget.OBJECT,
     (Quantity("relative", "1", -0.8, 4.0),),
     detection_limit=DetectionLimit("1", 0.1, largest=8.0),
     sentence_template="the object weighs {relative:% more/less}",

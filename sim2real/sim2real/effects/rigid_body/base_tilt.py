@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim2real.effects.background import WEIGHT_KNOWN
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.gravity import GravityModel
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
@@ -41,7 +41,7 @@ def _tilt(weight: GravityModel, component: str, values: Mapping[str, float]) -> 
 
 EFFECT = Effect(
     "base_tilt",
-    Target.ARM,
+    EffectTarget.ARM,
     (ROLL, PITCH),
     _regressors,
     DetectionLimit("rad", 0.0015),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from sim2real.effects.background import WEIGHT_KNOWN
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.gravity import GravityModel
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
@@ -34,7 +34,7 @@ def _share(weight: GravityModel, component: str, values: Mapping[str, float]) ->
 
 EFFECT = Effect(
     "gravity_compensation_error",
-    Target.ARM,
+    EffectTarget.ARM,
     (SCALE,),
     _regressors,
     DetectionLimit("1", 0.005),

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from np_description.panda import PandaModel
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.joint_arrays import link_name
 from sim2real.effects.regressor import EffectRegressor, Parameter
@@ -43,7 +43,7 @@ def _shift(panda: PandaModel, component: str, values: Mapping[str, float]) -> Pa
 
 EFFECT = Effect(
     "link_com",
-    Target.LINK,
+    EffectTarget.LINK,
     MOMENTS,
     _regressors,
     DetectionLimit("kg m", (0.01, 0.01, 0.01, 0.01, 0.006, 0.005, 0.004), (2, 3, 4, 5, 6, 7)),

@@ -9,7 +9,7 @@ import numpy as np
 
 from np_description.panda import PandaModel
 from sim2real.effects.background import INERTIA_ERROR, SURE
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.joint_arrays import link_name
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
@@ -49,7 +49,7 @@ def _scaled(panda: PandaModel, component: str, values: Mapping[str, float]) -> P
 
 EFFECT = Effect(
     "link_inertia",
-    Target.LINK,
+    EffectTarget.LINK,
     (SCALE,),
     _regressors,
     DetectionLimit("1", (0.3, 0.3, 0.3, 0.3, 0.15, 0.4, 0.3), (3, 4, 5, 7)),

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from np_description.panda import Inertial, PandaModel
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
@@ -53,7 +53,7 @@ def _loaded(body: Inertial, mass: float, point: np.ndarray) -> Inertial:
 
 EFFECT = Effect(
     "payload",
-    Target.ARM,
+    EffectTarget.ARM,
     (MASS,),
     _regressors,
     DetectionLimit("kg", 0.04),

@@ -9,7 +9,7 @@ import numpy as np
 
 from np_description.panda import NOMINAL
 from sim2real.effects.background import WEIGHT_KNOWN
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.gravity import GravityModel
 from sim2real.effects.hooks import HookContext, SensorHook, SensorSlot
@@ -54,7 +54,7 @@ def _read(values: HookContext):
 
 EFFECT = Effect(
     "encoder_bias",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (BIAS,),
     _regressors,
     DetectionLimit("rad", (0.002, 0.0015, 0.003, 0.003, 0.003, 0.003, 0.003), (2, 3, 4)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_common.rotations import namespace
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import HookContext, SensorHook, SensorSlot
 from sim2real.effects.regressor import EffectRegressor, Parameter
@@ -56,7 +56,7 @@ def _in_steps(values: HookContext):
 
 EFFECT = Effect(
     "encoder_quantisation",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (STEP,),
     _regressors,
     DetectionLimit("rad", (4e-5,) * 7, (1, 2, 3, 4, 5, 6, 7)),

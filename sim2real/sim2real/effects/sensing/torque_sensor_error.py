@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import HookContext, SensorHook, SensorSlot
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
@@ -39,7 +39,7 @@ def _read(values: HookContext):
 
 EFFECT = Effect(
     "torque_sensor_error",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (GAIN, OFFSET),
     _regressors,
     DetectionLimit("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),

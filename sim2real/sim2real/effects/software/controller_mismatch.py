@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.recurrences import first_order_lag
 from sim2real.effects.regressor import SHARE, EffectRegressor, NonlinearParameter, stack
@@ -35,7 +35,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
 
 EFFECT = Effect(
     "controller_mismatch",
-    Target.ARM,
+    EffectTarget.ARM,
     (TIME_CONSTANT,),
     _regressors,
     DetectionLimit("s", 5e-4),

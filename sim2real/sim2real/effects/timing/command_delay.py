@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim2real.effects import evidence
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import DelayLine, DriveFunction, DriveHook, DriveSlot, HookContext
 from sim2real.effects.regressor import WHOLE, EffectRegressor, NonlinearParameter, stack
@@ -60,7 +60,7 @@ def _late(values: HookContext) -> DriveFunction:
 
 EFFECT = Effect(
     "command_delay",
-    Target.ARM,
+    EffectTarget.ARM,
     (DELAY,),
     _regressors,
     DetectionLimit("s", 5e-4),

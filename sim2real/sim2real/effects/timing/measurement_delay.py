@@ -6,7 +6,7 @@ import numpy as np
 
 from np_common.rotations import namespace
 from sim2real.effects import evidence
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import DelayLine, HookContext, SensorHook, SensorSlot
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
@@ -67,7 +67,7 @@ def _old(values: HookContext):
 
 EFFECT = Effect(
     "measurement_delay",
-    Target.ARM,
+    EffectTarget.ARM,
     (DELAY,),
     _regressors,
     DetectionLimit("s", 5e-4),

@@ -8,7 +8,7 @@ import numpy as np
 
 from np_common.rotations import namespace
 from sim2real.effects import evidence
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import DriveFunction, DriveHook, DriveSlot, HookContext
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
@@ -129,7 +129,7 @@ def _lose(values: HookContext) -> DriveFunction:
 
 EFFECT = Effect(
     "packet_loss",
-    Target.ARM,
+    EffectTarget.ARM,
     (SHARE,),
     _regressors,
     DetectionLimit("1", 0.01),

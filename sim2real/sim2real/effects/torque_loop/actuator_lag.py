@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_common.rotations import namespace
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import DriveFunction, DriveHook, DriveSlot, HookContext
 from sim2real.effects.recurrences import mean_lagged_torque
@@ -53,7 +53,7 @@ def _follow(values: HookContext) -> DriveFunction:
 
 EFFECT = Effect(
     "actuator_lag",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (TIME_CONSTANT,),
     _regressors,
     DetectionLimit("s", (1e-3,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import DriveFunction, DriveHook, DriveSlot, HookContext
 from sim2real.effects.regressor import EffectRegressor, Parameter
@@ -32,7 +32,7 @@ def _add(values: HookContext) -> DriveFunction:
 
 EFFECT = Effect(
     "torque_offset",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (OFFSET,),
     _regressors,
     DetectionLimit("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),

@@ -11,7 +11,7 @@ import numpy as np
 
 from np_common.rotations import namespace
 from sim2real.effects import evidence
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import DriveFunction, DriveHook, DriveSlot, HookContext, infinite_where_zero
 from sim2real.effects.limits import GRAVITY_APART, DriveLimit, candidate_levels, limit_column
@@ -102,7 +102,7 @@ _LIMIT = DriveLimit(ramp_torque, _levels, _regressor)
 
 EFFECT = Effect(
     "torque_rate_limit",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (LIMIT, GRAVITY_APART),
     _LIMIT.regressors,
     DetectionLimit("share of the suite's peak", (0.06,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sim2real.effects.background import WEIGHT_KNOWN
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import DriveFunction, DriveHook, DriveSlot, HookContext
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
@@ -36,7 +36,7 @@ def _gain(values: HookContext) -> DriveFunction:
 
 EFFECT = Effect(
     "torque_scale",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (SCALE,),
     _regressors,
     DetectionLimit("1", (0.02, 0.01, 0.01, 0.01, 0.02, 0.02, 0.03), (1, 2, 3, 4, 5, 6, 7), largest=8),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
@@ -93,7 +93,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
 
 EFFECT = Effect(
     "backlash",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (HALF_PLAY,),
     _regressors,
     DetectionLimit("rad", (1e-4,) * 7, (1, 2, 3, 4, 5, 6, 7)),

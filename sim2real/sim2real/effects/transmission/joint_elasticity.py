@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
@@ -29,7 +29,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
 
 EFFECT = Effect(
     "joint_elasticity",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (COMPLIANCE, DAMPING_TIME),
     _regressors,
     DetectionLimit("rad/Nm", (4e-5, 4e-5, 4e-5, 4e-5, 8e-5, 8e-5, 8e-5), (1, 2, 3, 4, 5, 6, 7)),

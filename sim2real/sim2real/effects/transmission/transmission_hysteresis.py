@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from sim2real.effects.effect import DetectionLimit, Effect, Quantity, Target
+from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
 from sim2real.effects.evidence import Context
 from sim2real.effects.recurrences import bristle_state
 from sim2real.effects.regressor import EffectRegressor, NonlinearParameter, Parameter, stack
@@ -50,7 +50,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
 
 EFFECT = Effect(
     "transmission_hysteresis",
-    Target.JOINT,
+    EffectTarget.JOINT,
     (WIDTH, STROKE),
     _regressors,
     DetectionLimit("rad", (3e-5,) * 7, (1, 2, 3, 4, 5, 6, 7)),

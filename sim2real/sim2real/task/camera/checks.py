@@ -21,7 +21,7 @@ FAINT = 0.05  # of the clearest of a pattern's directions, below which it is the
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HeldOutPrediction:
     """What a hypothesis predicts at rest poses that it was not fitted to."""
 
     gain: float
@@ -108,7 +108,7 @@ def _suspects(scene: CameraScene, found: CameraFit) -> Iterator[tuple[str, str, 
         yield "moved", text, lines.by_vector[..., np.r_[SHIFT, TURN]] * later, len(boundaries)
 
 
-def held_out_gain(scene: CameraScene, found: CameraFit, prior: Prior, start: np.ndarray) -> HeldOut:
+def held_out_gain(scene: CameraScene, found: CameraFit, prior: Prior, start: np.ndarray) -> HeldOutPrediction:
     """By fits to the other places, with the scatter of the best explanation. start (k, 3): poses as measured, or as first found."""
     count = min(len(scene), COMPARISON.folds)
     gain, before, after = 0.0, [], []
@@ -120,7 +120,7 @@ def held_out_gain(scene: CameraScene, found: CameraFit, prior: Prior, start: np.
             beside = evaluate_at(apart, numbers, found.poses[out], found.scatter)
             gain += sign * beside.evidence
             away.append(corner_distances(apart, beside, start[out]))
-    return HeldOut(gain / len(scene), *(float(np.median(np.concatenate(v))) for v in (before, after)))
+    return HeldOutPrediction(gain / len(scene), *(float(np.median(np.concatenate(v))) for v in (before, after)))
 
 
 def corner_distances(scene: CameraScene, found: CameraFit, start: np.ndarray) -> np.ndarray:

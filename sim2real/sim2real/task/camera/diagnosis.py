@@ -16,7 +16,7 @@ from scipy.stats import t as student
 from np_description.camera import CAMERA, Camera
 from sim2real.effects.sentences import ValueWithInterval
 from sim2real.recordings.reading import ContractViolation
-from sim2real.task.camera.checks import HeldOut, corner_distances, find_residual_patterns, held_out_gain
+from sim2real.task.camera.checks import HeldOutPrediction, corner_distances, find_residual_patterns, held_out_gain
 from sim2real.task.camera.fit import CameraFit, Prior, evaluate_at, fit_scene
 from sim2real.task.camera.flat_pose import fit_flat_pose
 from sim2real.task.camera.model import CameraScene, make_scene
@@ -26,8 +26,8 @@ from sim2real.task.hypotheses import (
     INDISTINGUISHABLE_LOG_BAYES_FACTOR,
     N_EQUALLY_LIKELY_CANDIDATES,
     Effects,
-    Finding,
     Hypothesis,
+    TaskFinding,
     select_effects,
     verdict_of,
 )
@@ -48,7 +48,7 @@ class CameraDiagnosis:
     """Effects of rest poses at which the object does not lie flat."""
     off: float | None = None
     """Median distance px of a corner from its nominal place."""
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[TaskFinding, ...] = ()
     """The effects of the best hypothesis."""
     gains: dict[str, float] = field(default_factory=dict)
     """Log Bayes factor (nats) of each effect alone."""
@@ -60,7 +60,7 @@ class CameraDiagnosis:
     """Error px of a corner in a view that the best hypothesis leaves, and that the nominal set-up leaves."""
     abstention_reason: str = ""
     """Why the stage abstains, or what the best hypothesis does not explain."""
-    held_out: HeldOut | None = None
+    held_out: HeldOutPrediction | None = None
     """What the best hypothesis predicts at rest poses that it was not fitted to."""
     scene: CameraScene | None = field(default=None, compare=False)
     """Rest poses as arrays; None where there are too few."""
@@ -191,7 +191,7 @@ def _interval(share: np.ndarray, middle: np.ndarray, width: np.ndarray, freedom:
     return float(at(0.025)), float(at(0.975))
 
 
-def _finding(models: _CameraModels, chosen: Effects, effect: str) -> Finding:
+def _finding(models: _CameraModels, chosen: Effects, effect: str) -> TaskFinding:
     """The effect with all that may stand in its place: as probable, or as near to the corners with the same scatter."""
     rest, scatter = chosen - {effect}, models.of(chosen).scatter
     cost = models.cost(chosen, scatter)
@@ -203,7 +203,7 @@ def _finding(models: _CameraModels, chosen: Effects, effect: str) -> Finding:
     log_bayes_factor = models.value(chosen) - models.value(rest)
     estimates = {effect: models.estimates(effect, frozenset(rivals))}
     estimates |= {name: models.estimates(name, frozenset([effect])) for name in others if name in rivals}
-    return Finding(tuple(_hypothesis(*one) for one in estimates.items()), log_bayes_factor, "view")
+    return TaskFinding(tuple(_hypothesis(*one) for one in estimates.items()), log_bayes_factor, "view")
 
 
 def _hypothesis(effect: str, estimates: dict[str, ValueWithInterval]) -> Hypothesis:

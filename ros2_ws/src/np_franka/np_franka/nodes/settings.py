@@ -14,7 +14,7 @@ from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS
 from np_control.safety import SafetyLimits
 from np_description.calibration import MAX_AGE
 from np_description.force_reflex import FORCE_REFLEX, ForceReflex
-from np_franka.arm import Arm
+from np_franka.arm import FrankaArm
 from np_franka.checklist import Checklist
 from np_franka.driver import Driver
 from np_franka.onboard import Onboard
@@ -49,7 +49,7 @@ def declare(node: Node) -> tuple[DriverSettings, Driver]:
     if not settings.hostname:
         raise ValueError("parameter hostname: expected the robot's address, got none")
     robot.load()  # a missing package is told before anything is connected
-    arm = Arm(
+    arm = FrankaArm(
         partial(robot.open, settings.hostname, enforce_realtime=settings.realtime == "enforce"),
         reflex.torques(robot.limits.torque),
         reflex.wrench(),
