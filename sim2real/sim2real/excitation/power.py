@@ -46,6 +46,9 @@ EXPERIMENTS = (
     "long_third",
     "long_slow",
 )
+
+DRAWS = 200  # of the log Bayes factor of an experiment
+LARGEST_LOG_ODDS = 30.0  # nats, beyond which odds are certainty
 """Tried for every joint; with them the joint's own sinusoid and sweep, and chirps of its half of the arm."""
 
 
@@ -99,7 +102,7 @@ def predict_powers(
     for rival, other in zip(models[1:], believed[1:]):
         lead = float(np.clip(models[0].total - rival.total, -POWER.known, POWER.known))
         log_odds = search.value(rival) - search.value(models[0])
-        probability = 1 / (1 + np.exp(np.clip(log_odds, -POWER.largest_log_odds, POWER.largest_log_odds)))
+        probability = 1 / (1 + np.exp(np.clip(log_odds, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS)))
         row = []
         for number, name in enumerate(names):
             normal = _normal(cells, planned, believed[0].variance, ids, number)
@@ -238,9 +241,9 @@ def _factors(normal: np.ndarray, ids: np.ndarray, true: _Belief, other: _Belief,
     """Log Bayes factors (draws,) nats for the true model in experiments drawn from what it predicts."""
     rng = np.random.default_rng(seed)
     mine = np.searchsorted(ids, true.ids)
-    parameters = rng.multivariate_normal(true.mean, true.covariance, POWER.draws, method="eigh")
+    parameters = rng.multivariate_normal(true.mean, true.covariance, DRAWS, method="eigh")
     values, vectors = np.linalg.eigh(normal)
-    noise = rng.normal(size=(POWER.draws, len(ids))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    noise = rng.normal(size=(DRAWS, len(ids))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
     moments = parameters @ normal[mine] + noise
     return _evidence(normal, moments, ids, true) - _evidence(normal, moments, ids, other)
 

@@ -15,6 +15,15 @@ from sim2real.inference.search import ModelSearch, ScoredModel, absorbed_by_nuis
 from sim2real.thresholds import THRESHOLDS
 
 ESTIMATES, CURRENT = THRESHOLDS.estimates, THRESHOLDS.current
+BOOTSTRAPS = 200  # draws of the bootstrap over blocks
+ROUNDS = 5  # of the secant method for a shape that is linear to first order
+SETTLED_SHARE = 0.003  # distance of the coefficient from one at which a shape is final
+SLOPE = -0.3  # flattest slope of the secant method
+LONGEST_STEP = 1.0  # of the logarithm of a shape
+STEPS = 12  # of the line search for any other shape
+FIRST_STEP = 0.25  # of the line search, relative to the shape
+NARROWING = 0.6  # of a step after one that found nothing better
+SMALLEST_SHAPE = 0.2  # that an interval is drawn to, relative to the shape
 
 
 @dataclass(frozen=True)
@@ -101,7 +110,7 @@ def _interval(
     """(values (p,), half widths (p,)): from all blocks; the wider of posterior and bootstrap of blocks."""
     blocks = len(design.blocks)
     rng = np.random.default_rng(seed)
-    weights = rng.multinomial(blocks, np.full(blocks, 1 / blocks), ESTIMATES.bootstraps).astype(float)
+    weights = rng.multinomial(blocks, np.full(blocks, 1 / blocks), BOOTSTRAPS).astype(float)
     whole = _whole(cells, ids, design)
     drawn = fit_parameters(
         cells,
@@ -137,23 +146,23 @@ def _settle(design: RegressionProblem, cells: list[ResidualCell], ids: np.ndarra
     level = _likelihood(cells, ids, design)
     if effect.nonlinear.linear:
         trail: list[tuple[float, float]] = []  # log of shape and of the share that the data want of it
-        for _ in range(ESTIMATES.rounds):
+        for _ in range(ROUNDS):
             share = _value(best_cells, ids, design, candidate)
-            if not ESTIMATES.shares[0] < share < ESTIMATES.shares[1] or abs(share - 1) < ESTIMATES.settled_share:
+            if not ESTIMATES.shares[0] < share < ESTIMATES.shares[1] or abs(share - 1) < SETTLED_SHARE:
                 break
             trail.append((np.log(best.nonlinear.value), np.log(share)))
             slope = -1.0
             if len(trail) > 1 and trail[-1][0] != trail[-2][0]:
                 slope = (trail[-1][1] - trail[-2][1]) / (trail[-1][0] - trail[-2][0])
-            step = -trail[-1][1] / min(slope, ESTIMATES.slope)
+            step = -trail[-1][1] / min(slope, SLOPE)
             best = best.nonlinear.rebuild(
-                best.nonlinear.value * float(np.exp(np.clip(step, -ESTIMATES.longest_step, ESTIMATES.longest_step)))
+                best.nonlinear.value * float(np.exp(np.clip(step, -LONGEST_STEP, LONGEST_STEP)))
             )
             best_cells = replace_regressor(design, cells, candidate, best)
         return best, best_cells, 0.0
-    step = ESTIMATES.first_step
+    step = FIRST_STEP
     trace = {effect.nonlinear.value: level}
-    for _ in range(ESTIMATES.steps):
+    for _ in range(STEPS):
         value = best.nonlinear.value
         for other in (value * (1 - step), value * (1 + step)):
             trial = best.nonlinear.rebuild(other)
@@ -161,7 +170,7 @@ def _settle(design: RegressionProblem, cells: list[ResidualCell], ids: np.ndarra
             trace[other] = _likelihood(changed, ids, design)
             if trace[other] > level:
                 best, best_cells, level = trial, changed, trace[other]
-        step *= ESTIMATES.narrowing if best.nonlinear.value == value else 1.0
+        step *= NARROWING if best.nonlinear.value == value else 1.0
     return best, best_cells, _width(best.nonlinear.value, level, trace)
 
 
@@ -179,7 +188,7 @@ def _shift(
     each is as uncertain as the other makes it.
     """
     value = effect.nonlinear.value
-    ends = max(value - width, ESTIMATES.smallest_shape * value), value + width
+    ends = max(value - width, SMALLEST_SHAPE * value), value + width
     low, high = (
         _whole(replace_regressor(design, cells, candidate, effect.nonlinear.rebuild(end)), ids, design).parameters[0]
         for end in ends

@@ -9,10 +9,11 @@ import numpy as np
 
 from sim2real.effects.regressor import Parameter
 from sim2real.inference.block_arrow import BlockArrowInverse, BlockArrowSolution, BlockArrowStructure, BlockArrowSystem
-from sim2real.inference.residual_cells import ResidualCell
-from sim2real.thresholds import THRESHOLDS
+from sim2real.inference.residual_cells import ROUNDING, ResidualCell
 
-FIT = THRESHOLDS.fit
+PASSES = 3  # between parameters and noise, which determine each other
+BOUND_PASSES = 2  # with parameters held at their bounds
+SMALLEST_VARIANCE = 1e-16  # of a row, unit^2
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,12 +111,12 @@ def _fit(
         at[n, : len(own)] = own
     rows = np.maximum(rows, 1.0)
     spare = np.maximum(rows - np.array([[len(own)] for own in where]), 1.0)
-    floor = np.maximum(FIT.variance, _rounding(grams, np.append(prior, 0.0)[at]))
+    floor = np.maximum(SMALLEST_VARIANCE, _rounding(grams, np.append(prior, 0.0)[at]))
     variance = np.maximum(grams[:, :, 0, 0] / rows, floor)
     shape = BlockArrowStructure.from_members([cell.joint for cell in cells], where, size)
     local = [shape.local_indices(cell.joint, own) for cell, own in zip(cells, where)]
     stacked = _stacked(shape, [cell.joint for cell in cells], local, grams)
-    for number in range(FIT.passes):
+    for number in range(PASSES):
         normal, moment = BlockArrowSystem.diagonal(shape, count, prior**-2), np.tile(centre * prior**-2, (count, 1))
         for joint, (mine, equations) in stacked.items():
             block, border = shape.blocks[joint], shape.border
@@ -124,7 +125,7 @@ def _fit(
             normal.parts[joint] += sums[:, 1:]
             moment[:, block] += sums[:, 0, : len(block)]
             moment[:, border] += sums[:, 0, len(block) :]
-        if number == FIT.passes - 1:
+        if number == PASSES - 1:
             inverse = normal.inverse()
             solution = inverse.multiply(moment)
         else:
@@ -146,7 +147,7 @@ def _rounding(grams: np.ndarray, prior: np.ndarray) -> np.ndarray:
     prior: (cells, k), 0 where padded.
     """
     squares = np.diagonal(grams, axis1=2, axis2=3)[..., 1:] * prior[:, None] ** 2
-    return FIT.rounding * squares.max(axis=-1, initial=0.0)
+    return ROUNDING * squares.max(axis=-1, initial=0.0)
 
 
 def _stacked(
@@ -208,7 +209,7 @@ def _bounded(normal: BlockArrowSystem, moment, solution: BlockArrowSolution, low
     rows = np.flatnonzero(outside.any(axis=1))
     outside, inside = outside[rows], solution.values[rows]
     held, diagonal = np.zeros_like(outside), normal.diagonals(rows)
-    for _ in range(FIT.bound_passes):
+    for _ in range(BOUND_PASSES):
         held |= outside
         side = np.clip(inside, lower, upper)
         stiff = np.where(held, 1e9 * diagonal, 0.0)

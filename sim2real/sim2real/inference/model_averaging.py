@@ -11,9 +11,9 @@ import numpy as np
 from sim2real.inference.ranking import is_in_column_space, pseudo_bma_weights
 from sim2real.inference.regression import Candidate
 from sim2real.inference.search import ModelSearch
-from sim2real.thresholds import THRESHOLDS
 
-AVERAGING = THRESHOLDS.averaging
+LEADERS = 60  # groups of effects that are averaged
+SMALLEST_WEIGHT = 1e-3  # of a group that counts
 
 
 def between_model_deviations(
@@ -35,7 +35,7 @@ def between_model_deviations(
         same = [n for n in others if _is_same(design.candidates[n], mine)]
         if same and not any(overlap(same[0], n) for n in others if n != same[0]):
             rivals.append((search.group_value(joints, others), others, same[0]))
-    rivals = sorted(rivals, key=lambda r: -r[0])[: AVERAGING.leaders]
+    rivals = sorted(rivals, key=lambda r: -r[0])[:LEADERS]
     if (inside, member) not in [r[1:] for r in rivals]:
         return {}
     scores = [search.group(joints, others)[0] for _, others, _ in rivals]
@@ -45,7 +45,7 @@ def between_model_deviations(
     own = _meaning(search, joints, inside, member)
     variance = dict.fromkeys(own, 0.0)
     for weight, (_, others, number) in zip(weights, rivals):
-        if weight < AVERAGING.weight:
+        if weight < SMALLEST_WEIGHT:
             continue
         for name, value in _meaning(search, joints, others, number).items():
             if name in own:

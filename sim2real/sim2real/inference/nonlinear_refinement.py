@@ -14,7 +14,8 @@ from sim2real.effects.regressor import EffectRegressor
 from sim2real.inference.estimates import refine_nonlinear_parameter, replace_regressor
 from sim2real.inference.regression import RegressionProblem
 from sim2real.inference.search import ModelSearch, ScoredModel
-from sim2real.thresholds import THRESHOLDS
+
+RESCORED = 200.0  # nats behind the best within which models are scored again with refined shapes
 
 
 def refine_nonlinear_parameters(search: ModelSearch, chosen: ScoredModel) -> tuple[ModelSearch, ScoredModel]:
@@ -33,7 +34,7 @@ def refine_nonlinear_parameters(search: ModelSearch, chosen: ScoredModel) -> tup
     if trial is search:
         return search, chosen
     # What lay far behind is not scored again: it has no say in the answer.
-    least = max(map(search.value, search.tried.values())) - THRESHOLDS.search.rescored
+    least = max(map(search.value, search.tried.values())) - RESCORED
     for members, model in search.tried.items():
         if search.value(model) > least:
             trial.model(members)

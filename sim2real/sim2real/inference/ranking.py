@@ -12,12 +12,15 @@ from sim2real.inference.search import ModelSearch, ScoredModel
 from sim2real.thresholds import THRESHOLDS
 
 RANKING = THRESHOLDS.ranking
+DRAWS = 1000  # of the Bayesian bootstrap over blocks
+LEADERS = 400  # models that get a probability
+SPAN = 1e-4  # of a column's squares that columns which span it may leave
 
 
 def effect_probabilities(search: ModelSearch, seed: int) -> dict[tuple[str, str], float]:
     """(effect id, component) -> probability: pseudo-BMA+ (Yao et al., Bayesian Analysis 2018), weights from the
     log predictive density averaged over the Bayesian bootstrap of the blocks."""
-    ranked = sorted(search.tried.values(), key=search.value, reverse=True)[: RANKING.leaders]
+    ranked = sorted(search.tried.values(), key=search.value, reverse=True)[:LEADERS]
     density = np.array([s.density for s in ranked])
     prior = np.array([search.value(s) - s.density.sum() for s in ranked])
     weight = pseudo_bma_weights(density, prior, seed)
@@ -32,7 +35,7 @@ def effect_probabilities(search: ModelSearch, seed: int) -> dict[tuple[str, str]
 def pseudo_bma_weights(density: np.ndarray, prior: np.ndarray, seed: int) -> np.ndarray:
     """Pseudo-BMA+ weights (s,) of models with log predictive densities (s, m) of blocks and log priors (s,)."""
     rng = np.random.default_rng(seed)
-    weights = rng.dirichlet(np.ones(density.shape[1]), RANKING.draws) * density.shape[1]
+    weights = rng.dirichlet(np.ones(density.shape[1]), DRAWS) * density.shape[1]
     logits = weights @ density.T + prior
     shares = np.exp(logits - logits.max(axis=1, keepdims=True))
     return (shares / shares.sum(axis=1, keepdims=True)).mean(axis=0)
@@ -104,6 +107,6 @@ def is_in_column_space(design: RegressionProblem, one: Candidate, other: Candida
         scale = np.sqrt(np.diag(gram)[own])
         inner = gram[np.ix_(own, own)] / np.outer(scale, scale) + 1e-9 * np.eye(len(own))
         mixed = gram[np.ix_(own, its)] / scale[:, None]
-        if (shown - (mixed * np.linalg.solve(inner, mixed)).sum(axis=0) > RANKING.span * shown).any():
+        if (shown - (mixed * np.linalg.solve(inner, mixed)).sum(axis=0) > SPAN * shown).any():
             return False
     return True

@@ -19,7 +19,8 @@ from sim2real.effects.stage import Stage
 from sim2real.inference.residual_stages import ResidualStages
 from sim2real.thresholds import THRESHOLDS
 
-FIT, VALIDATION = THRESHOLDS.fit, THRESHOLDS.blocks
+VALIDATION = THRESHOLDS.blocks
+ROUNDING = 1e-13  # smallest variance, relative to all that a column explains at its prior
 
 
 @dataclass(frozen=True)
@@ -249,7 +250,7 @@ def _autoregression(matrix, residual, kept, normal, prior) -> np.ndarray:
     if len(prior):
         scaled = normal[:-1, :-1] * np.outer(prior, prior)
         # Without noise the ridge must still be seen beside the columns in double precision.
-        spread = max(np.median(np.abs(side)) ** 2, 1e-12, FIT.rounding * np.diagonal(scaled).max())
+        spread = max(np.median(np.abs(side)) ** 2, 1e-12, ROUNDING * np.diagonal(scaled).max())
         scaled = scaled + spread * np.eye(len(prior))
         side = side - (matrix @ (prior * np.linalg.solve(scaled, prior * normal[:-1, -1])))[kept]
     correlation = np.array([np.mean(side[lag:] * side[: len(side) - lag]) for lag in range(VALIDATION.order + 1)])

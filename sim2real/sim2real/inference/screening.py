@@ -11,6 +11,7 @@ from sim2real.inference.regression import RegressionProblem
 from sim2real.thresholds import THRESHOLDS
 
 SEARCH = THRESHOLDS.search
+EDGE = 1e-3  # of the range from its bound within which a parameter absorbs no more
 
 
 def likelihood_gains(
@@ -39,7 +40,7 @@ def likelihood_gains(
     )
     normal[np.diag_indices(size)] += prior**-2
     # What the parameters in use can take up themselves is not gained; one at its bound takes up nothing beyond it.
-    edge = SEARCH.edge * (upper - lower)
+    edge = EDGE * (upper - lower)
     pull = slope - (values - centre) / prior**2
     stuck = ((values > upper - edge) & (pull > 0)) | ((values < lower + edge) & (pull < 0))
     used = np.flatnonzero(inside & ~stuck)

@@ -19,6 +19,10 @@ from sim2real.inference.regression import Candidate, RegressionProblem
 from sim2real.thresholds import THRESHOLDS
 
 SEARCH = THRESHOLDS.search
+WIDTH = 6  # models of one size that are extended
+BROAD = 3  # effects, size up to which several models are extended
+FIRST_TRIED = 60  # candidates by which the empty model is extended
+TIED = 4  # widths of leaders among which a tie is looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +135,7 @@ class ModelSearch:
         """Held-out log predictive density of a model with its log prior, nats."""
         return model.total + sum(self.log_prior(m) for m in model.members)
 
-    def run(self, width: int = SEARCH.width, largest: int | None = None) -> ScoredModel:
+    def run(self, width: int = WIDTH, largest: int | None = None) -> ScoredModel:
         """Grow models effect by effect and return the chosen one: the simplest that no larger one beats clearly.
 
         width: models that are grown further while they are small; later only the best one is. largest: effects of
@@ -142,7 +146,7 @@ class ModelSearch:
         for size in range(1, (largest or SEARCH.per_joint * len(self.design.context.arm)) + 1):
             grown: dict[tuple[int, ...], ScoredModel] = {}
             for parent in front:
-                for number in self.rank_candidates(parent, SEARCH.tried if size > 1 else SEARCH.first_tried):
+                for number in self.rank_candidates(parent, SEARCH.tried if size > 1 else FIRST_TRIED):
                     if self._is_new(parent, number):
                         child = self.model((*parent.members, number))
                         grown[child.members] = child
@@ -152,9 +156,9 @@ class ModelSearch:
             ranked = [s for s in ranked if not any(self.is_negligible(s, m) for m in s.members)]
             if not ranked:
                 break
-            front = _distinct(ranked, self.design, width if size < SEARCH.broad else 1)
+            front = _distinct(ranked, self.design, width if size < BROAD else 1)
             best = ranked[0]
-            near = [s for s in ranked[: SEARCH.tied * width] if self.value(s) > self.value(best) - SEARCH.tie]
+            near = [s for s in ranked[: TIED * width] if self.value(s) > self.value(best) - SEARCH.tie]
             best = min(near, key=lambda s: (self._parameters(s), -self.value(s)))
             if self.predicts_better(best, chosen):
                 chosen = best

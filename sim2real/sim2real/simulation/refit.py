@@ -25,6 +25,10 @@ from sim2real.simulation.multiple_shooting import ShootingWindows, cut_windows, 
 from sim2real.thresholds import THRESHOLDS
 
 REFIT = THRESHOLDS.refit
+ROUNDS = 3  # of Gauss-Newton, from the values of the torque domain
+WINDOWS = 48  # fitted at most, and as many held out
+SMALLEST_STEP = 1e-3  # of a finite difference, relative to the value
+LARGEST_SHIFT = 10.0  # half widths of its interval by which a parameter may move in a round
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,14 +95,14 @@ def refit(
     if not parts:
         return None
     fitted, judged_on = recorded[0::2], recorded[1::2]
-    if len(fitted) > REFIT.windows:
-        fitted = fitted[np.linspace(0, len(fitted) - 1, REFIT.windows).astype(int)]
-    if len(judged_on) > REFIT.windows:
-        judged_on = judged_on[np.linspace(0, len(judged_on) - 1, REFIT.windows).astype(int)]
+    if len(fitted) > WINDOWS:
+        fitted = fitted[np.linspace(0, len(fitted) - 1, WINDOWS).astype(int)]
+    if len(judged_on) > WINDOWS:
+        judged_on = judged_on[np.linspace(0, len(judged_on) - 1, WINDOWS).astype(int)]
     names = [(n, name) for n, part in enumerate(parts) for name in part.parameters]
     x = np.array([parts[n].parameters[name].value for n, name in names])
     half = np.array([0.5 * (parts[n].parameters[name].high - parts[n].parameters[name].low) for n, name in names])
-    scale = np.maximum(half, REFIT.smallest_step * np.abs(x))
+    scale = np.maximum(half, SMALLEST_STEP * np.abs(x))
     has_delay = any(part.effect == "command_delay" for part in parts)
     if not has_delay:
         x, scale = np.append(x, delay), np.append(scale, THRESHOLDS.nuisances.delay_spread)
@@ -110,7 +114,7 @@ def refit(
     prior = np.zeros(len(x))
     if not has_delay:
         prior[-1] = 1.0  # in units of its scale
-    for _ in range(REFIT.rounds):
+    for _ in range(ROUNDS):
         trials = [x, *(x + row for row in np.diag(scale))]
         errors = simulate_departures(fitted, [patch(values) for values in trials])
         spread = np.maximum(rms(errors[0]), REFIT.finest)
@@ -122,7 +126,7 @@ def refit(
             normal + 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(x)),
             -pull.sum(axis=0) - prior * (x - start) / scale,
         )
-        x = x + scale * np.clip(shift, -REFIT.largest_shift, REFIT.largest_shift)
+        x = x + scale * np.clip(shift, -LARGEST_SHIFT, LARGEST_SHIFT)
     inverse = np.linalg.inv(normal + 1e-12 * np.eye(len(x)))
     few = len(fitted) / max(len(fitted) - len(x), 1)
     covariance = inverse @ (few * pull.T @ pull + np.diag(prior)) @ inverse

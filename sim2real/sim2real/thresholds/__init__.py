@@ -1,6 +1,6 @@
-"""Every number by which the doctor decides, each with its unit and where it comes from.
+"""Every number by which a diagnosis decides, with its unit and meaning.
 
-`THRESHOLDS` is the one set in use; `python -m sim2real.thresholds` prints it as a table.
+`THRESHOLDS` is the one set in use.
 """
 
 from __future__ import annotations
@@ -23,13 +23,11 @@ class Thresholds:
     rows: inference.Rows = inference.Rows()
     hints: inference.Hints = inference.Hints()
     blocks: inference.Blocks = inference.Blocks()
-    fit: inference.Fitting = inference.Fitting()
     nuisances: inference.Nuisances = inference.Nuisances()
     loop_delay: inference.LoopDelay = inference.LoopDelay()
     search: inference.Searching = inference.Searching()
     visible: inference.Visible = inference.Visible()
     ranking: inference.Ranking = inference.Ranking()
-    averaging: inference.Averaging = inference.Averaging()
     estimates: inference.Estimating = inference.Estimating()
     omnibus: checks.Omnibus = checks.Omnibus()
     constancy: checks.Constancy = checks.Constancy()

@@ -1,181 +1,224 @@
-"""Thresholds of the checks: what a recording must satisfy, and when a model is no explanation."""
+"""Thresholds of the checks: what a recording must satisfy, and when a model is no explanation.
+
+Without another source a number is engineering judgement, tried on the opened cases of the sealed test.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim2real.thresholds.entry import DEVELOPMENT, JUDGEMENT, NUMERICS, threshold
-
 
 @dataclass(frozen=True)
 class Recordings:
-    """What a recording must be (recordings/)."""
+    """What a recording must be (`recordings`)."""
 
-    period_tolerance: float = threshold(0.05, "1", "by which the period of joint states may differ", JUDGEMENT)
-    rates: tuple[float, float] = threshold(
-        (100.0, 10000.0),
-        "Hz",
-        "rates of a recording without a rate of its own",
-        "otherwise its times are not in seconds",
-    )
-    answer: float = threshold(0.5, "periods", "by which the state after a command may be late or early", JUDGEMENT)
-    command_gap: float = threshold(1.5, "periods", "between commands from which a new stretch begins", JUDGEMENT)
-    loss: float = threshold(0.02, "1", "share of joint states that may be missing", JUDGEMENT)
-    largest_gap: float = threshold(0.05, "s", "without data over which nothing is interpolated", JUDGEMENT)
-    shortest: float = threshold(1.0, "s", "shortest stretch without a gap that is used", JUDGEMENT)
-    stretch: float = threshold(6.0, "s", "stretches of which a quick look is made", "two blocks of the design")
-    short: float = threshold(45.0, "s", "in all that a quick look takes", "3 to 4 s of computation on two cores")
+    period_tolerance: float = 0.05
+    """Largest relative deviation of the period of joint states."""
+    rates: tuple[float, float] = (100.0, 10000.0)
+    """Hz, lowest and highest rate of a recording that states none; outside, its times are not in seconds."""
+    answer: float = 0.5
+    """Periods by which the state after a command may be late or early."""
+    command_gap: float = 1.5
+    """Periods between commands from which a new stretch begins."""
+    loss: float = 0.02
+    """Largest share of missing joint states."""
+    largest_gap: float = 0.05
+    """s without data over which signals are interpolated."""
+    shortest: float = 1.0
+    """s, shortest stretch without a gap that is used."""
+    stretch: float = 6.0
+    """s, length of an excerpt for a quick look: two blocks of the cross-validation."""
+    short: float = 45.0
+    """s, total length of the excerpts: 3 to 4 s of computation on two cores."""
 
 
 @dataclass(frozen=True)
 class Plausibility:
-    """Units, signs and order of joints (checks/plausibility.py)."""
+    """Units, signs and order of joints (`checks.plausibility`)."""
 
-    range_slack: float = threshold(0.05, "rad", "beyond the joint limits that a position may be", JUDGEMENT)
-    speed_slack: float = threshold(1.5, "1", "times the speed limit that a joint may move", JUDGEMENT)
-    speed_percentile: float = threshold(
-        75.0, "% of the time", "that a joint keeps to its speed", "a wrist that swung: development case, seed 11"
-    )
-    rows: int = threshold(300, "samples", "that the dynamics are tried on", NUMERICS)
-    decisive: float = threshold(
-        3.0, "nats", "that a joint's log residual must fall by under other units, signs or names", JUDGEMENT
-    )
-    slope: tuple[float, float] = threshold(
-        (0.7, 1.4), "1", "derivative of the position over the velocity", "factor sqrt(2) to either side"
-    )
-    velocity_step: float = threshold(0.01, "s", "over which positions are differentiated", JUDGEMENT)
-    torque_error: float = threshold(1e-3, "of the torque limit", "that is no error of a torque", JUDGEMENT)
+    range_slack: float = 0.05
+    """rad by which a position may exceed the joint limits."""
+    speed_slack: float = 1.5
+    """Factor by which a joint may exceed its speed limit."""
+    speed_percentile: float = 75.0
+    """Per cent of the time in which a joint keeps its speed limit (a swinging wrist: development case, seed 11)."""
+    rows: int = 300
+    """Number of samples on which the dynamics are tried."""
+    decisive: float = 3.0
+    """nats by which other units, signs or names must reduce a joint's log residual."""
+    slope: tuple[float, float] = (0.7, 1.4)
+    """Range of the position's derivative over the velocity: a factor of sqrt(2) to either side."""
+    velocity_step: float = 0.01
+    """s over which positions are differentiated."""
+    torque_error: float = 1e-3
+    """Error of a torque that is accepted, relative to the torque limit."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """Which torque is measured (checks/effort_side.py)."""
+    """Which torque is measured (`checks.effort_side`)."""
 
-    share: float = threshold(0.4, "of the nominal friction", "below which a torque holds none of it", JUDGEMENT)
-    rows: int = threshold(100, "samples", "fewest in which a joint slides for it to be asked", JUDGEMENT)
-    smooth: int = threshold(9, "samples", "over which speed is averaged before its sign and slope count", NUMERICS)
+    share: float = 0.4
+    """Share of the nominal friction below which a torque contains none of it."""
+    rows: int = 100
+    """Smallest number of samples in which a joint slides."""
+    smooth: int = 9
+    """Number of samples over which the speed is averaged."""
 
 
 @dataclass(frozen=True)
 class Current:
-    """Torque constants of motors from a recording (recordings/current.py, inference/gains.py)."""
+    """Torque constants of motors from a recording (`recordings.motor_current`, `inference.torque_constants`)."""
 
-    rows: int = threshold(100, "samples", "fewest in which a joint slides for its constant to be asked", JUDGEMENT)
-    sure: float = threshold(0.1, "of the constant", "largest standard error of a constant that is used", JUDGEMENT)
-    known: float = threshold(0.02, "1", "to which the weights are known that a constant is told by", JUDGEMENT)
-    spread: float = threshold(0.3, "of the constant", "by which effects may have spoilt a first estimate", JUDGEMENT)
-    settled: float = threshold(0.003, "of the constant", "change after which it is settled", NUMERICS)
-    rounds: int = threshold(3, "rounds", "of settling constants with the effects found", NUMERICS)
+    rows: int = 100
+    """Smallest number of samples in which a joint slides."""
+    sure: float = 0.1
+    """Largest relative standard error of a constant that is used."""
+    known: float = 0.02
+    """Relative error of the weights that determine a constant."""
+    spread: float = 0.3
+    """Relative error of a first estimate by effects that are not known yet."""
+    settled: float = 0.003
+    """Relative change at which the iteration ends."""
+    rounds: int = 3
+    """Largest number of alternations between constants and effects."""
 
 
 @dataclass(frozen=True)
 class Floor:
-    """How well the data repeat (checks/floor.py)."""
+    """How well the data repeat (`checks.repeatability`)."""
 
-    distance: float = threshold(1.0, "s", "between two passes through the same state", JUDGEMENT)
-    near_position: float = threshold(0.02, "rad", "within which two states of a joint are the same", JUDGEMENT)
-    near_velocity: float = threshold(0.05, "rad/s", "likewise", JUDGEMENT)
-    near_acceleration: float = threshold(0.3, "rad/s^2", "likewise", JUDGEMENT)
-    pairs: int = threshold(40, "pairs", "of passes from which the floor is measured", JUDGEMENT)
+    distance: float = 1.0
+    """s between two passes through the same state, at least."""
+    near_position: float = 0.02
+    """rad within which two states of a joint are the same."""
+    near_velocity: float = 0.05
+    """rad/s, likewise."""
+    near_acceleration: float = 0.3
+    """rad/s^2, likewise."""
+    pairs: int = 40
+    """Smallest number of pairs of passes from which the floor is measured."""
 
 
 @dataclass(frozen=True)
 class Shrinkage:
-    """How far the gap shrinks, and where (checks/shrinkage.py, report/document.py)."""
+    """How far the gap shrinks, and where (`checks.shrinkage`, `report.document`)."""
 
-    bootstraps: int = threshold(300, "draws", "of the bootstrap over blocks", NUMERICS)
-    blocks: int = threshold(3, "blocks", "in which a joint must move to be judged", JUDGEMENT)
-    standing: float = threshold(0.02, "rad/s", "speed up to which a joint stands", JUDGEMENT)
-    fast: float = threshold(0.3, "rad/s", "speed from which a joint is fast", JUDGEMENT)
-    accelerating: float = threshold(2.0, "rad/s^2", "acceleration from which a joint accelerates", JUDGEMENT)
-    twist_weight: float = threshold(1e8, "Nm^2/rad^2", "of a square of twist beside one of torque", "0.1 mrad as 1 Nm")
-    worse: float = threshold(1.05, "1", "growth of the gap of a regime beyond which it is named", JUDGEMENT)
+    bootstraps: int = 300
+    """Draws of the bootstrap over blocks."""
+    blocks: int = 3
+    """Smallest number of blocks in which a joint must move to be judged."""
+    standing: float = 0.02
+    """rad/s, largest speed of a joint at standstill."""
+    fast: float = 0.3
+    """rad/s, smallest speed of a fast joint."""
+    accelerating: float = 2.0
+    """rad/s^2, smallest acceleration of an accelerating joint."""
+    twist_weight: float = 1e8
+    """Nm^2/rad^2, weight of a squared twist beside a squared torque: 0.1 mrad counts as 1 Nm."""
+    worse: float = 1.05
+    """Factor of growth from which the gap of a regime is reported as worse."""
 
 
 @dataclass(frozen=True)
 class Omnibus:
-    """The omnibus test of lack of fit by a flexible model (checks/omnibus.py)."""
+    """The omnibus test of lack of fit by a flexible model (`checks.lack_of_fit`)."""
 
-    harmonics: int = threshold(6, "harmonics", "of the joint's angle in the flexible model", JUDGEMENT)
-    direction_speed: float = threshold(
-        0.01, "rad/s", "at which the direction of motion is sure at the rate of the controller", JUDGEMENT
-    )
-    outlying: float = threshold(
-        5.0,
-        "standard deviations",
-        "beyond which a value is no noise",
-        "one of two million values of a normal distribution",
-    )
-    blocks: int = threshold(4, "blocks", "fewest that a cell is tested on", JUDGEMENT)
+    harmonics: int = 6
+    """Harmonics of the joint's angle in the flexible model."""
+    direction_speed: float = 0.01
+    """rad/s at which the direction of motion is certain at the controller's rate."""
+    outlying: float = 5.0
+    """Standard deviations from which a value is no noise: one of two million values of a normal distribution."""
+    blocks: int = 4
+    """Smallest number of blocks on which a cell is tested."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """From the model and its lack of fit to the verdict (diagnosis.py)."""
+    """From the model and its lack of fit to the verdict (`diagnosis`, `checks.unexplained`)."""
 
-    certain: float = threshold(0.8, "1", "probability from which an effect counts as identified", JUDGEMENT)
-    explained: float = threshold(
-        0.8, "1", "of what is predictable at all that a model must explain", "docs/diagnosis.md, development cases"
-    )
-    gain: float = threshold(25.0, "nats", "by which the flexible model must predict better", DEVELOPMENT)
-    gain_errors: float = threshold(2.0, "standard errors", "over blocks, likewise", DEVELOPMENT)
-    coloured: float = threshold(
-        1.5, "1", "times its white part, from which what is left of r2 is no noise", DEVELOPMENT
-    )
-    coloured_explained: float = threshold(0.9, "1", "of what is no white noise that a model must explain", DEVELOPMENT)
-    torque: float = threshold(0.0005, "of the torque limit", "RMS below which nothing is left", DEVELOPMENT)
-    quantum: float = threshold(2e-5, "rad", "step of an encoder from which it is named", JUDGEMENT)
-    quantum_error: float = threshold(0.01, "of the step", "half width of its interval", JUDGEMENT)
-    per_joint: int = threshold(
-        2, "effects", "needed at a joint up to which they explain it, those of the arm included", DEVELOPMENT
-    )
-    needed: float = threshold(
-        0.05, "1", "of a stage's squares that are left over without an effect that is needed", DEVELOPMENT
-    )
-    at_bound: float = threshold(0.98, "of the bound", "from which on a parameter is at its bound", NUMERICS)
-    listed_probability: float = threshold(0.02, "1", "from which an alternative is listed", JUDGEMENT)
-    listed: int = threshold(8, "findings", "beyond which no alternative is listed", JUDGEMENT)
+    certain: float = 0.8
+    """Probability from which an effect counts as identified."""
+    explained: float = 0.8
+    """Share of what is predictable at all that a model must explain."""
+    gain: float = 25.0
+    """nats by which the flexible model must predict better."""
+    gain_errors: float = 2.0
+    """The same in standard errors over blocks."""
+    coloured: float = 1.5
+    """Ratio of a dynamics residual to its white part from which it is no noise."""
+    coloured_explained: float = 0.9
+    """Share of what is no white noise that a model must explain."""
+    torque: float = 0.0005
+    """RMS below which nothing is left, relative to the torque limit."""
+    quantum: float = 2e-5
+    """rad, smallest encoder step that is reported."""
+    quantum_error: float = 0.01
+    """Half width of its interval, relative to the step."""
+    per_joint: int = 2
+    """Largest number of effects that explain a joint, effects of the arm included."""
+    needed: float = 0.05
+    """Share of a stage's squares that is left over without an effect that is needed."""
+    at_bound: float = 0.98
+    """Share of its bound from which a parameter is at the bound."""
+    listed_probability: float = 0.02
+    """Probability from which an alternative is listed."""
+    listed: int = 8
+    """Number of findings beyond which no alternative is listed."""
 
 
 @dataclass(frozen=True)
 class Constancy:
-    """Whether an effect has one size, and r3 follows the load alone (checks/constancy.py)."""
+    """Whether an effect has one size, and the twist follows the load alone (`checks.stationarity`)."""
 
-    gain: float = threshold(60.0, "nats", "by which the columns of a question must predict better", DEVELOPMENT)
-    gain_errors: float = threshold(
-        1.5, "standard errors", "over blocks: what changes with time is in some blocks only", DEVELOPMENT
-    )
-    of_left: float = threshold(0.15, "1", "of the squares that the model leaves", DEVELOPMENT)
-    of_null: float = threshold(
-        0.003, "1", "of the squares without any effect", "a law of an effect is off by up to a twentieth of its size"
-    )
-    torque: float = threshold(0.0002, "of the torque limit", "RMS that matters", DEVELOPMENT)
-    twist: float = threshold(3e-5, "rad", "RMS that matters", DEVELOPMENT)
-    blocks: int = threshold(4, "blocks", "fewest that a cell is asked with", JUDGEMENT)
-    lags: tuple[int, ...] = threshold(
-        (1, 2, 3, 4, 6, 8), "samples", "ago at which the memory of an acceleration is looked for", "a third of a second"
-    )
-    slip_window: float = threshold(10.0, "s", "on either side of a jump between the encoders", JUDGEMENT)
-    slip_samples: int = threshold(10, "samples", "fewest on either side of a jump", JUDGEMENT)
-    slip_lasting: float = threshold(
-        10.0, "1", "times what either side stays within, for a jump that lasts", DEVELOPMENT
-    )
-    slip_quantile: float = threshold(0.9, "1", "of the samples that stay within", DEVELOPMENT)
-    slip_steps: int = threshold(2, "samples", "on either side within which a jump comes at once", DEVELOPMENT)
-    slip_share: float = threshold(0.7, "1", "of a jump that comes at once", DEVELOPMENT)
+    gain: float = 60.0
+    """nats by which the columns of a question must predict better."""
+    gain_errors: float = 1.5
+    """The same in standard errors over blocks: what changes with time is in some blocks only."""
+    of_left: float = 0.15
+    """Share of the squares that the model leaves."""
+    of_null: float = 0.003
+    """Share of the squares without any effect: the law of an effect is wrong by up to a twentieth of its size."""
+    torque: float = 0.0002
+    """Smallest RMS that matters, relative to the torque limit."""
+    twist: float = 3e-5
+    """rad, smallest RMS of a twist that matters."""
+    blocks: int = 4
+    """Smallest number of blocks of a cell."""
+    lags: tuple[int, ...] = (1, 2, 3, 4, 6, 8)
+    """Samples by which a memory of the acceleration may lag: up to a third of a second."""
+    slip_window: float = 10.0
+    """s on either side of a jump between the encoders."""
+    slip_samples: int = 10
+    """Smallest number of samples on either side of a jump."""
+    slip_lasting: float = 10.0
+    """Ratio of a lasting jump to the deviations on either side."""
+    slip_quantile: float = 0.9
+    """Share of the samples that stay within those deviations."""
+    slip_steps: int = 2
+    """Samples on either side within which a jump is complete."""
+    slip_share: float = 0.7
+    """Share of a jump that comes at once."""
 
 
 @dataclass(frozen=True)
 class Standstill:
-    """Friction that depends on the time at rest (checks/standstill.py)."""
+    """Friction that depends on the time at rest (`checks.friction_ageing`)."""
 
-    still: float = threshold(0.005, "rad/s", "speed up to which a joint stands", JUDGEMENT)
-    shortest: float = threshold(0.06, "s", "of a rest; what is shorter is a turn, or noise", JUDGEMENT)
-    fade: float = threshold(0.08, "s", "for which a rest is remembered once the joint moves", DEVELOPMENT)
-    long: float = threshold(0.5, "s", "from which on a rest is long", DEVELOPMENT)
-    share: float = threshold(
-        0.2, "1", "of what is left at reversals that the time at rest explains", "a clean arm: below 0.01"
-    )
-    torque: float = threshold(0.00025, "of the torque limit", "RMS that matters", DEVELOPMENT)
-    fresh: float = threshold(0.3, "1", "memory of a rest from which a row counts as shortly after it", JUDGEMENT)
-    rows: int = threshold(10, "rows", "fewest shortly after a rest", JUDGEMENT)
+    still: float = 0.005
+    """rad/s, largest speed at rest."""
+    shortest: float = 0.06
+    """s, shortest rest; anything shorter is a reversal or noise."""
+    fade: float = 0.08
+    """s, time constant of the memory of a rest once the joint moves."""
+    long: float = 0.5
+    """s from which a rest is long."""
+    share: float = 0.2
+    """Share of the squares left at reversals that the time at rest explains (a clean arm: below 0.01)."""
+    torque: float = 0.00025
+    """Smallest RMS that matters, relative to the torque limit."""
+    fresh: float = 0.3
+    """Memory of a rest from which a row counts as shortly after it."""
+    rows: int = 10
+    """Smallest number of rows shortly after a rest."""

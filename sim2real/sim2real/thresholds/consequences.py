@@ -4,68 +4,72 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim2real.thresholds.entry import DEVELOPMENT, JUDGEMENT, NUMERICS, threshold
-
 
 @dataclass(frozen=True)
 class AmbiguityThresholds:
-    """Which models leave a question open (experiments/ambiguity.py)."""
+    """Which models leave a question open (`excitation.ambiguity`)."""
 
-    rivals: int = threshold(3, "models", "rivals at most", JUDGEMENT)
-    near: float = threshold(8.0, "nats", "behind the chosen model up to which another one is a rival", JUDGEMENT)
+    rivals: int = 3
+    """Largest number of rivals."""
+    near: float = 8.0
+    """nats behind the chosen model up to which another model is a rival."""
 
 
 @dataclass(frozen=True)
 class Power:
-    """Which experiment is suggested (experiments/power.py)."""
+    """Which experiment is suggested (`excitation.power`)."""
 
-    decisive: float = threshold(5.0, "nats", "by which the true model must lead in the end", "odds of 150 to 1")
-    draws: int = threshold(200, "draws", "of the log Bayes factor of an experiment", NUMERICS)
-    known: float = threshold(
-        3.0, "nats", "of lead so far that count: the held-out density of one recording is no surer", JUDGEMENT
-    )
-    largest_log_odds: float = threshold(30.0, "nats", "beyond which odds are certainty", NUMERICS)
-    least: float = threshold(
-        0.1, "1", "probability below which no experiment separates two models: nearly the same forces", JUDGEMENT
-    )
-    worth: float = threshold(0.05, "1", "of probability for which a longer experiment is preferred", JUDGEMENT)
-    likely: float = threshold(
-        0.5, "1", "probability from which an experiment is suggested", "below, it leaves the question open more often"
-    )
-    ranked: int = threshold(6, "experiments", "listed", JUDGEMENT)
+    decisive: float = 5.0
+    """nats by which the true model must lead in the end: odds of 150 to 1."""
+    known: float = 3.0
+    """nats of the present lead that count: one recording's held-out density is no more certain."""
+    least: float = 0.1
+    """Probability below which no experiment separates two models: they predict nearly the same forces."""
+    worth: float = 0.05
+    """Probability that a longer experiment must gain."""
+    likely: float = 0.5
+    """Probability from which an experiment is suggested; below, it more often leaves the question open."""
+    ranked: int = 6
+    """Number of experiments that are listed."""
 
 
 @dataclass(frozen=True)
 class Simulating:
-    """Short simulations from recorded states (simulation/forward.py)."""
+    """Short simulations from recorded states (`simulation.multiple_shooting`)."""
 
-    window: float = threshold(0.6, "s", "that each simulation goes on", JUDGEMENT)
-    every: float = threshold(1.5, "s", "from one simulation to the next", JUDGEMENT)
-    settled: float = threshold(0.1, "s", "at the start of a simulation that do not count", JUDGEMENT)
-    warm: float = threshold(0.1, "s", "before it, in which what has a memory is shown what was recorded", JUDGEMENT)
-    period_tolerance: float = threshold(1e-3, "1", "by which the periods of recordings may differ", JUDGEMENT)
-    smooth: int = threshold(9, "rows", "over which the speed at the start is averaged", JUDGEMENT)
-    sample: float = threshold(0.01, "s", "between the moments that are compared", JUDGEMENT)
+    window: float = 0.6
+    """s, duration of each simulation."""
+    every: float = 1.5
+    """s from the start of one simulation to the next."""
+    settled: float = 0.1
+    """s at the start of a simulation that do not count."""
+    warm: float = 0.1
+    """s before it in which effects with a memory are shown the recording."""
+    period_tolerance: float = 1e-3
+    """Largest relative difference between the periods of recordings."""
+    smooth: int = 9
+    """Rows over which the speed at the start is averaged."""
+    sample: float = 0.01
+    """s between the moments that are compared."""
 
 
 @dataclass(frozen=True)
 class Patching:
-    """When an effect is left out of the patch (simulation/patching.py)."""
+    """When an effect is left out of the patch (`simulation.patch_trial`)."""
 
-    worse: float = threshold(1.0005, "1", "times the nominal departure, beyond which a patch does harm", DEVELOPMENT)
+    worse: float = 1.0005
+    """Ratio to the nominal departure beyond which a patch does harm."""
 
 
 @dataclass(frozen=True)
 class Refitting:
-    """The second opinion (simulation/refit.py)."""
+    """The refit in the simulator (`simulation.refit`)."""
 
-    models: int = threshold(3, "models", "refitted at most: the chosen one and its nearest rivals", JUDGEMENT)
-    rounds: int = threshold(3, "rounds", "of Gauss-Newton, from the values of the torque domain", NUMERICS)
-    windows: int = threshold(48, "windows", "fitted to at most, and as many held out", NUMERICS)
-    windows_least: int = threshold(8, "windows", "fewest of a recording that is refitted", JUDGEMENT)
-    smallest_step: float = threshold(1e-3, "of the value", "for a finite difference", NUMERICS)
-    finest: float = threshold(2e-6, "rad", "to which two simulators can agree on a motion", JUDGEMENT)
-    largest_shift: float = threshold(
-        10.0, "half widths", "of its interval by which a parameter may move in a round", NUMERICS
-    )
-    agree: float = threshold(0.02, "of the value", "to which two simulators agree about the same law", DEVELOPMENT)
+    models: int = 3
+    """Largest number of refitted models: the chosen one and its nearest rivals."""
+    windows_least: int = 8
+    """Smallest number of windows of a recording that is refitted."""
+    finest: float = 2e-6
+    """rad to which two simulators can agree on a motion."""
+    agree: float = 0.02
+    """Relative difference up to which two simulators agree about the same law."""

@@ -1,60 +1,63 @@
-"""Keypoints: when an object rests, and what its corners do then."""
+"""Thresholds of the keypoints: when an object rests, and how its corners scatter then."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-from sim2real.thresholds.entry import JUDGEMENT, NUMERICS, threshold
 
 
 @dataclass(frozen=True)
 class KeypointTracking:
     """When an object rests (`sim2real.task.keypoint_track`)."""
 
-    least: int = threshold(30, "images", "fewer are no recording", JUDGEMENT)
-    score: float = threshold(
-        0.5, "1", "score from which on a corner is usable", "the policies' own (docs/reference/graph.md)"
-    )
-    window: int = threshold(9, "images", "to either side, of whose medians one takes the difference", NUMERICS)
-    still: float = threshold(
-        0.35, "px", "by which the middle corner may be elsewhere at rest: .7 mm on the table", JUDGEMENT
-    )
-    surely: float = threshold(4.5, "1", "times its usual difference, that medians differ by where it moves", JUDGEMENT)
-    resting: float = threshold(0.25, "1", "share of the time that it rests at least", JUDGEMENT)
-    calm: float = threshold(
-        1.2,
-        "1",
-        "times a corner's change from image to image by noise, that the usual difference is at most: a memory of .7",
-        JUDGEMENT,
-    )
-    slow: int = threshold(3, "1", "times the window, in which slow ways are looked for", JUDGEMENT)
-    trim: float = threshold(
-        0.3, "s", "at either end of a stretch that are passed over: a slow start is not seen", JUDGEMENT
-    )
-    gap: float = threshold(3.0, "periods", "between images of one stretch, at most", JUDGEMENT)
-    rest: float = threshold(0.8, "s", "shorter stretches are passed over: a mean takes too much of them", JUDGEMENT)
+    least: int = 30
+    """Smallest number of images of a recording."""
+    score: float = 0.5
+    """Score from which a corner is usable: the policies' own threshold."""
+    window: int = 9
+    """Images to either side; the medians of both sides are compared."""
+    still: float = 0.35
+    """px by which the median corner may move at rest: 0.7 mm on the table."""
+    surely: float = 4.5
+    """Ratio to the usual difference of the medians from which the object moves."""
+    resting: float = 0.25
+    """Smallest share of the time at rest."""
+    calm: float = 1.2
+    """Largest ratio of the usual difference to a corner's noise from image to image: a memory of 0.7."""
+    slow: int = 3
+    """Multiple of the window in which slow motions are detected."""
+    trim: float = 0.3
+    """s cut off at either end of a rest: a slow start is not visible."""
+    gap: float = 3.0
+    """Periods between two images of one rest, at most."""
+    rest: float = 0.8
+    """s, shortest rest; the mean of a shorter one takes too much of the noise."""
 
 
 @dataclass(frozen=True)
 class KeypointScatter:
     """How keypoints scatter (`sim2real.task.keypoint_noise`)."""
 
-    least: float = threshold(1.5, "s", "of rest in all, to tell; the approach of an episode has 2.5", JUDGEMENT)
-    finest: float = threshold(1e-3, "px", "scatter below it is rounding", NUMERICS)
-    wide: float = threshold(8.0, "1", "times the spread, at which gross errors are first looked for", NUMERICS)
-    apart: float = threshold(2.5, "1", "times the spread that gross errors are, or they are its tail", JUDGEMENT)
-    noiseless: float = threshold(
-        0.01,
-        "px",
-        "spread below which images of a resting object are alike, and none is said to be repeated",
-        JUDGEMENT,
-    )
-    gross: float = threshold(2.0, "px", "size from which on gross errors are named", JUDGEMENT)
-    surely: float = threshold(10.0, "nats", "by which two kinds of corners must be likelier than one", JUDGEMENT)
-    rounds: int = threshold(60, "rounds", "of expectation and maximisation", NUMERICS)
-    pairs: int = threshold(40, "pairs", "of images one after the other, to tell a memory", JUDGEMENT)
-    longest: float = threshold(
-        0.97, "1", "memory beyond which a stretch is too short to tell it from an offset", JUDGEMENT
-    )
-    rested: int = threshold(8, "images", "alike after which, where nothing scatters, it rests", JUDGEMENT)
-    taken: float = threshold(0.8, "1", "of the power that a stretch's own mean may have taken", JUDGEMENT)
+    least: float = 1.5
+    """s of rest in total, at least; the approach of an episode has 2.5 s."""
+    finest: float = 1e-3
+    """px, scatter that is rounding."""
+    wide: float = 8.0
+    """Multiple of the spread at which the search for gross errors starts."""
+    apart: float = 2.5
+    """Smallest ratio of gross errors to the spread; smaller ones are its tail."""
+    noiseless: float = 0.01
+    """px, spread below which images of a resting object are equal and none counts as repeated."""
+    gross: float = 2.0
+    """px, smallest gross error that is reported."""
+    surely: float = 10.0
+    """nats by which two kinds of corners must be more likely than one."""
+    rounds: int = 60
+    """Rounds of expectation and maximisation."""
+    pairs: int = 40
+    """Smallest number of pairs of successive images that determine a memory."""
+    longest: float = 0.97
+    """Memory beyond which a rest is too short to separate it from an offset."""
+    rested: int = 8
+    """Equal images after which the object rests, where nothing scatters."""
+    taken: float = 0.8
+    """Largest share of the power that the mean of a rest may have removed."""
