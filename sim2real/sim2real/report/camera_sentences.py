@@ -16,21 +16,23 @@ PUT_DOWN = "the object put down at eight places, all over the picture"
 
 def sentences(view: CameraDiagnosis) -> list[str]:
     """The finding; what tells its members apart; what it is worth; what was left out; what the recording does not show."""
-    said = [_verdict(view)]
+    parts = [_verdict(view)]
     if view.verdict in ("identified", "ambiguous"):
-        said += [_capital(_alternatives(one)) for one in view.findings]
+        parts += [_capital(_alternatives(one)) for one in view.findings]
         held = view.held_out
-        said.append(
+        parts.append(
             f"At places that were not fitted a corner is {held.before:.1f} px from where it is believed to be, and {held.after:.1f} px "
             "from where this puts it."
         )
     if view.left_out:
-        said.append(f"Left out, as the object does not lie flat there: {', '.join(view.left_out)}.")
+        parts.append(f"Left out, as the object does not lie flat there: {', '.join(view.left_out)}.")
     if view.bounds and view.unidentifiable and view.verdict != "unexplained":
-        said.append(f"Not narrowed by this recording: {', '.join(BY_NAME[name].said for name in view.unidentifiable)}.")
-    if told := next_steps(view):
-        said.append(f"What would tell more: {'; '.join(told)}.")
-    return said
+        parts.append(
+            f"Not narrowed by this recording: {', '.join(BY_NAME[name].text for name in view.unidentifiable)}."
+        )
+    if experiments := next_steps(view):
+        parts.append(f"What would tell more: {'; '.join(experiments)}.")
+    return parts
 
 
 def next_steps(view: CameraDiagnosis) -> list[str]:
@@ -40,11 +42,11 @@ def next_steps(view: CameraDiagnosis) -> list[str]:
     if not view.bounds:  # too few places for anything
         blind = [] if view.scene.measured.any() else ["camera_place", "table_height"]
         return [PUT_DOWN, *(SHOWN_BY[name] for name in blind)]
-    told = [text for one in view.findings for text in _split_by(one)]
+    experiments = [text for one in view.findings for text in _split_by(one)]
     if not view.findings:
         hidden = (n for n, e in EFFECTS.items() if all(PARAMETERS[i].name in view.unidentifiable for i in e.numbers))
-        told += [SHOWN_BY[name] for name in hidden]
-    return list(dict.fromkeys(told))
+        experiments += [SHOWN_BY[name] for name in hidden]
+    return list(dict.fromkeys(experiments))
 
 
 def document(view: CameraDiagnosis) -> dict:
@@ -56,7 +58,7 @@ def document(view: CameraDiagnosis) -> dict:
         "places": view.places,
         "left_out": list(view.left_out),
         "off_px": view.off,
-        "named": [_named(one) for one in view.findings],
+        "named": [_finding(one) for one in view.findings],
         "gains_nats": view.gains,
         "bounds": _values(view.bounds),
         "unseen": list(view.unidentifiable),
@@ -83,34 +85,34 @@ def patch(view: CameraDiagnosis) -> list[dict]:
 
 def _split_by(one: TaskFinding) -> tuple[str, ...]:
     """Experiments that tell the hypotheses of a finding apart."""
-    return distinguishing_experiments(frozenset(way.name for way in one.hypotheses))
+    return distinguishing_experiments(frozenset(hypothesis.name for hypothesis in one.hypotheses))
 
 
 def _verdict(view: CameraDiagnosis) -> str:
     off = "" if view.off is None else f" ({view.off:.1f} px off)"
-    seen = f"at {view.places} places corners are"
+    corners = f"at {view.places} places corners are"
     if view.verdict == "unexplained":
         return f"No known effect explains where corners are seen{off}: {view.abstention_reason}."
     if view.verdict == "undetermined":
         return f"The recording does not tell whether corners are where they should be{off}: {view.abstention_reason}."
     if view.verdict == "no_gap":
-        return f"As far as this recording shows, {seen} where they are believed to be{off}."
-    return f"{_capital(seen)} not where they are believed to be{off}."
+        return f"As far as this recording shows, {corners} where they are believed to be{off}."
+    return f"{_capital(corners)} not where they are believed to be{off}."
 
 
 def _alternatives(one: TaskFinding) -> str:
     """A finding with all its hypotheses, each with the sizes that it has where it stands alone."""
-    ways = [effect_text(way.name, way.estimates) for way in one.hypotheses]
-    return f"{ways[0]}." if len(ways) == 1 else f"either {'; or '.join(ways)}."
+    texts = [effect_text(hypothesis.name, hypothesis.estimates) for hypothesis in one.hypotheses]
+    return f"{texts[0]}." if len(texts) == 1 else f"either {'; or '.join(texts)}."
 
 
 def effect_text(effect: str, sizes: Mapping[str, ValueWithInterval]) -> str:
     """An effect in words, as half a sentence; a number that the recording does not narrow is a question mark."""
-    unseen = {name for name, value in sizes.items() if not BY_NAME[name].is_seen(value.low, value.high)}
-    if unseen == sizes.keys():
+    unknown = {name for name, value in sizes.items() if not BY_NAME[name].is_informative(value.low, value.high)}
+    if unknown == sizes.keys():
         return f"{EFFECTS[effect].called} is off, by how much this recording does not tell"
-    told = {name: _Unknown() if name in unseen else value for name, value in sizes.items()}
-    return EFFECTS[effect].said.format(**told).replace("  ", " ")
+    values = {name: _Unknown() if name in unknown else value for name, value in sizes.items()}
+    return EFFECTS[effect].text.format(**values).replace("  ", " ")
 
 
 class _Unknown:
@@ -121,7 +123,7 @@ class _Unknown:
         return f"? {unit}".strip()
 
 
-def _named(one: TaskFinding) -> dict:
+def _finding(one: Finding) -> dict:
     best, *rivals = one.hypotheses
     return {
         "name": best.name,

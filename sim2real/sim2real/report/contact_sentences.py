@@ -49,14 +49,17 @@ def _comparison(comparison: HypothesisComparison | None) -> dict:
     if comparison is None:
         return {"named": [], "bounds": {}, "unseen": []}
     return {
-        "named": [_named(one) for one in comparison.findings],
+        "named": [_finding(one) for one in comparison.findings],
         "bounds": {name: asdict(value) for name, value in comparison.bounds.items()},
         "unseen": list(comparison.unidentifiable),
     }
 
 
-def _named(one: TaskFinding) -> dict:
-    sizes = {way.name: {name: asdict(value) for name, value in way.estimates.items()} for way in one.hypotheses}
+def _finding(one: Finding) -> dict:
+    sizes = {
+        hypothesis.name: {name: asdict(value) for name, value in hypothesis.estimates.items()}
+        for hypothesis in one.hypotheses
+    }
     effect = one.hypotheses[0].name
     rivals = {name: values for name, values in sizes.items() if name != effect}
     return {"effect": effect, "sizes": sizes[effect], "gain": one.log_bayes_factor, "rivals": rivals}

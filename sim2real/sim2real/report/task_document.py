@@ -20,23 +20,24 @@ UNITS = {"table": "friction_table", "finger": "friction_fingertip", "mass": "mas
 def document(
     diagnosis: TaskDiagnosis,
     bags: list[str],
-    kept: CheckedPatch | None = None,
+    checked: CheckedPatch | None = None,
     predicted: MotionPrediction | None = None,
 ) -> dict:
     """The report in SI units, px in images, with 95 % intervals.
 
     kept: the patch without harmful effects (default: all of it); predicted: the object's motion without the patch and with it.
     """
-    kept = kept or CheckedPatch(make_patch(diagnosis), {})
+    checked = checked or CheckedPatch(make_patch(diagnosis), {})
     return {
         "schema_version": 1,
         "verdict": diagnosis.verdict,
-        "sentence": " ".join([sentence(diagnosis), *_withheld(kept)]),
+        "sentence": " ".join([sentence(diagnosis), *_withheld(checked)]),
         "rows": [_module(one, diagnosis, predicted) for one in diagnosis.modules],
         "effects": [
-            {"effect": e.effect, "component": e.component, "parameters": dict(e.parameters)} for e in kept.patch.effects
+            {"effect": e.effect, "component": e.component, "parameters": dict(e.parameters)}
+            for e in checked.patch.effects
         ],
-        "withheld": [{"effect": effect, "removed": _value(removed)} for effect, removed in kept.withheld.items()],
+        "withheld": [{"effect": effect, "removed": _value(removed)} for effect, removed in checked.withheld.items()],
         "motion": None if predicted is None else {**asdict(predicted), "removed": _value(predicted.removed)},
         "next": next_steps(diagnosis),
         "measured": _measured(diagnosis),
@@ -57,10 +58,10 @@ def check_schema(report: dict) -> None:
     jsonschema.validate(report, schema)
 
 
-def _withheld(kept: CheckedPatch) -> list[str]:
-    if not kept.withheld:
+def _withheld(checked: CheckedPatch) -> list[str]:
+    if not checked.withheld:
         return []
-    names = ", ".join(kept.withheld)
+    names = ", ".join(checked.withheld)
     return [f"Not in the patch, for the simulated object moves worse with it in this very recording: {names}."]
 
 
@@ -77,8 +78,8 @@ def _module(result: ModuleResult, diagnosis: TaskDiagnosis, predicted: MotionPre
     }
 
 
-def _finding(finding: TaskFinding) -> dict:
-    ways = [
+def _finding(finding: Finding) -> dict:
+    hypotheses = [
         {
             "name": one.name,
             "effects": list(one.effects),
@@ -87,7 +88,7 @@ def _finding(finding: TaskFinding) -> dict:
         }
         for one in finding.hypotheses
     ]
-    return {"stage": finding.source, "gain_nats": float(finding.log_bayes_factor), "ways": ways}
+    return {"stage": finding.source, "gain_nats": float(finding.log_bayes_factor), "ways": hypotheses}
 
 
 def _value(value: ValueWithInterval) -> dict:

@@ -18,9 +18,9 @@ QUIET = "#8a8f98"
 
 def render(diagnosis: TaskDiagnosis, report: dict, camera: Camera = CAMERA) -> str:
     """The page as text. report: its `task_document.document`."""
-    drawn = pictures(diagnosis, camera)
+    drawings = pictures(diagnosis, camera)
     rows = [
-        {**row, "picture": drawn.get(row["module"], ""), "colour": COLOURS.get(row["verdict"], QUIET)}
+        {**row, "picture": drawings.get(row["module"], ""), "colour": COLOURS.get(row["verdict"], QUIET)}
         for row in report["rows"]
     ]
     return page("sim2real", "task.html.j2", report=report, rows=rows)

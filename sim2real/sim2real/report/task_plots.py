@@ -27,18 +27,18 @@ SIZE = 2.9, 1.12  # inches
 
 def pictures(diagnosis: TaskDiagnosis, camera: Camera = CAMERA) -> dict[str, str]:
     """By module, its picture as SVG text, "" where there is nothing to draw."""
-    drawn = {
-        "camera": lambda axes: _corners(axes, diagnosis, camera),
-        "keypoints": lambda axes: _scatter(axes, diagnosis),
-        "timing": lambda axes: _late(axes, diagnosis),
-        "contact": lambda axes: _cone(axes, diagnosis),
-        "object": lambda axes: _way(axes, diagnosis, camera),
-        "table": lambda axes: _touches(axes, diagnosis),
+    plots = {
+        "camera": lambda axes: _plot_corners(axes, diagnosis, camera),
+        "keypoints": lambda axes: _plot_scatter(axes, diagnosis),
+        "timing": lambda axes: _plot_latency(axes, diagnosis),
+        "contact": lambda axes: _plot_friction_cone(axes, diagnosis),
+        "object": lambda axes: _plot_path(axes, diagnosis, camera),
+        "table": lambda axes: _plot_touches(axes, diagnosis),
     }
-    return {module: _drawn(draw) for module, draw in drawn.items()}
+    return {module: _draw(draw) for module, draw in plots.items()}
 
 
-def _drawn(draw: Callable[[Axes], bool]) -> str:
+def _draw(draw: Callable[[Axes], bool]) -> str:
     with style():
         figure = Figure(figsize=SIZE, layout="constrained")
         axes = figure.subplots()
@@ -48,7 +48,7 @@ def _drawn(draw: Callable[[Axes], bool]) -> str:
         return svg(figure) if draw(axes) else ""
 
 
-def _corners(axes: Axes, diagnosis: TaskDiagnosis, camera: Camera) -> bool:
+def _plot_corners(axes: Axes, diagnosis: TaskDiagnosis, camera: Camera) -> bool:
     """Corners as they are seen (dots) and predicted (crosses) at the place at which they are farthest off; where the hand met them, if that
     is elsewhere."""
     view, offset = diagnosis.camera, diagnosis.hand_eye.comparison if diagnosis.hand_eye else None
@@ -59,10 +59,10 @@ def _corners(axes: Axes, diagnosis: TaskDiagnosis, camera: Camera) -> bool:
         left = np.where(scene.usable[..., None], fit.left(scene), 0.0)
         place = int(np.linalg.norm(left, axis=-1).sum(axis=1).argmax())
         usable = scene.usable[place]
-        seen, expected = scene.pixels[place][usable], fit.lines.seen[place][usable]
+        pixels, expected = scene.pixels[place][usable], fit.lines.pixels[place][usable]
     elif diagnosis.recordings.rest_poses:
         place = diagnosis.recordings.rest_poses[-1]
-        seen = place.pixels[place.usable]
+        pixels = place.pixels[place.usable]
         expected = _expected(
             np.column_stack([np.nan_to_num(place.pixels), place.usable.astype(float)]), place.domain, camera, sizes
         )
@@ -71,7 +71,7 @@ def _corners(axes: Axes, diagnosis: TaskDiagnosis, camera: Camera) -> bool:
         expected = expected[place.usable]
     else:
         return False
-    axes.plot(*seen.T, "o", color=DARK, ms=2.5)
+    axes.plot(*pixels.T, "o", color=DARK, ms=2.5)
     axes.plot(*expected.T, "x", color=RED, ms=4)
     axes.invert_yaxis()
     axes.set_aspect("equal", adjustable="datalim")
@@ -90,7 +90,7 @@ def _expected(
         return None
 
 
-def _scatter(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
+def _plot_scatter(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
     """Deviations of all corners from their medians, in the longest rest."""
     if diagnosis.noise is None:
         return False
@@ -112,7 +112,7 @@ def _scatter(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
     return True
 
 
-def _late(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
+def _plot_latency(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
     """The object's way in the longest push, as images have it, and the tip's."""
     if diagnosis.latency is None or not diagnosis.latency.pushes:
         return False
@@ -127,7 +127,7 @@ def _late(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
     return True
 
 
-def _cone(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
+def _plot_friction_cone(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
     """Force along the table against what presses the object on it, with the lines that are believed in and measured."""
     force = diagnosis.forces
     if force is None or not force.measured or "table" not in force.measured:
@@ -147,7 +147,7 @@ def _cone(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
     return True
 
 
-def _way(axes: Axes, diagnosis: TaskDiagnosis, camera: Camera) -> bool:
+def _plot_path(axes: Axes, diagnosis: TaskDiagnosis, camera: Camera) -> bool:
     """Where the object's middle is seen at the beginning of each experiment."""
     if not diagnosis.recordings.tasks:
         return False
@@ -169,7 +169,7 @@ def _way(axes: Axes, diagnosis: TaskDiagnosis, camera: Camera) -> bool:
     return True
 
 
-def _touches(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
+def _plot_touches(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
     """Force against the tip's height at every touched place of the table; the grey line is where it is believed to be."""
     touches = [t for t in diagnosis.surfaces.touches if t.name.startswith("touch_table")] if diagnosis.surfaces else []
     if not touches:

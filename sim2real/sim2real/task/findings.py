@@ -92,11 +92,11 @@ def hand_eye_offset_findings(offset: HandEyeOffset | None, turn: np.ndarray | No
         place = Hypothesis("camera_place", ("camera_extrinsics",), dict(off), moved)
         rotation = Hypothesis("camera_turn", ("camera_extrinsics",), dict(off))
         corners = Hypothesis("image_offset", ("keypoint_bias",), {})
-        ways = (place, rotation, corners)
+        hypotheses = (place, rotation, corners)
         if turn is not None:
             patch = dict(zip(("turn_x", "turn_y"), turn.tolist()))
-            ways = (replace(rotation, patch=patch), place, corners)
-        found.append(TaskFinding(ways, one.log_bayes_factor, "meeting"))
+            hypotheses = (replace(rotation, patch=patch), place, corners)
+        found.append(TaskFinding(hypotheses, one.log_bayes_factor, "meeting"))
     return found
 
 
@@ -119,23 +119,29 @@ def resolve_conflicts(findings: list[TaskFinding], surfaces: SurfaceContactResul
 
 def _constrain_by_touch(findings: list[TaskFinding], surfaces: SurfaceContactResult) -> list[TaskFinding]:
     touched = {one.hypotheses[0].name for one in surfaces.comparison.findings if len(one.hypotheses) == 1}
-    kept: list[TaskFinding] = []
+    remaining: list[TaskFinding] = []
     for one in findings:
         if one.source == "view":
-            possible = tuple(way for way in one.hypotheses if not _contradicts(way, surfaces))
-            one = replace(one, hypotheses=tuple(way for way in possible if way.name in touched) or possible)
+            possible = tuple(hypothesis for hypothesis in one.hypotheses if not _contradicts(hypothesis, surfaces))
+            one = replace(
+                one, hypotheses=tuple(hypothesis for hypothesis in possible if hypothesis.name in touched) or possible
+            )
         if one.hypotheses:
-            kept.append(one)
-    felt = {one.hypotheses[0].name for one in kept if one.source == "touch" and one.is_one_effect}
-    again = [one for one in kept if one.source == "view" and one.is_one_effect and one.hypotheses[0].name in felt]
-    return [one for one in kept if one not in again]
+            remaining.append(one)
+    touched_names = {one.hypotheses[0].name for one in remaining if one.source == "touch" and one.is_one_effect}
+    again = [
+        one
+        for one in remaining
+        if one.source == "view" and one.is_one_effect and one.hypotheses[0].name in touched_names
+    ]
+    return [one for one in remaining if one not in again]
 
 
-def _contradicts(way: Hypothesis, surfaces: SurfaceContactResult) -> bool:
+def _contradicts(hypothesis: Hypothesis, surfaces: SurfaceContactResult) -> bool:
     bounds = {"table_" + name: value for name, value in surfaces.comparison.bounds.items()}
     return any(
         not (bounds[name].low <= value.high and value.low <= bounds[name].high)
-        for name, value in way.estimates.items()
+        for name, value in hypothesis.estimates.items()
         if name in bounds and name.removeprefix("table_") not in surfaces.comparison.unidentifiable
     )
 

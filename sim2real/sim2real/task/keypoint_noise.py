@@ -57,25 +57,25 @@ def estimate_keypoint_noise(track: KeypointTrack) -> KeypointNoise:
     fresh = _is_new_image(track)
     deviations = [_deviations(track, s, fresh[s]) for s in pieces]
     lengths = np.array([len(d) for d in deviations])
-    spread, share, size, odds = _mixture(np.concatenate(deviations))
+    spread, share, size, odds = _fit_mixture(np.concatenate(deviations))
     inside = [
         np.where(o[..., None] < 0.5, d, np.nan) for d, o in zip(deviations, np.split(odds, np.cumsum(lengths)[:-1]))
     ]
-    memory, memory_error, spread = _memory(inside, spread)
-    seen = int(np.isfinite(odds).sum())
+    memory, memory_error, spread = _estimate_memory(inside, spread)
+    corner_count = int(np.isfinite(odds).sum())
     count = sum(int(np.isfinite(d[..., 0]).sum()) for d in inside)
     lost = sum(np.isfinite(d[..., 0]).any(axis=0).sum() for d in inside)  # a mean of each corner and stretch
     # Of a first-order process the squares have the memory's square for a memory (Bartlett 1946); two coordinates a corner.
     known = 2 * max(count - lost * (1 + memory) / (1 - memory), 1.0) * (1 - memory**2) / (1 + memory**2)
     return KeypointNoise(
         seconds,
-        seen // COUNT,
+        corner_count // COUNT,
         _gaussian_interval(spread, spread / np.sqrt(2 * known)),
         ValueWithInterval(
             memory, max(memory - NORMAL_95 * memory_error, 0.0), min(memory + NORMAL_95 * memory_error, 1.0)
         ),
-        _proportion(share * seen, seen),
-        _gaussian_interval(size, size / np.sqrt(2 * 2 * max(share * seen, 1.0))),
+        _proportion(share * corner_count, corner_count),
+        _gaussian_interval(size, size / np.sqrt(2 * 2 * max(share * corner_count, 1.0))),
         _repeated_share(fresh, spread),
     )
 
@@ -115,7 +115,7 @@ def _deviations(track: KeypointTrack, rest: slice, fresh: np.ndarray) -> np.ndar
         return pixels - np.nanmedian(pixels, axis=0)
 
 
-def _mixture(deviations: np.ndarray) -> tuple[float, float, float, np.ndarray]:
+def _fit_mixture(deviations: np.ndarray) -> tuple[float, float, float, np.ndarray]:
     """(spread px, share, size px, odds (n, 8) of being something else) of two circular Gaussians; a share of 0 where one does."""
     square = np.square(deviations).sum(axis=-1)
     known = square[np.isfinite(square)]
@@ -137,12 +137,12 @@ def _mixture(deviations: np.ndarray) -> tuple[float, float, float, np.ndarray]:
     one = -2 * np.log(max(alone, SCATTER.finest)) - known / (2 * max(alone, SCATTER.finest) ** 2)
     if two.sum() - one.sum() < SCATTER.surely or size < SCATTER.apart * spread:
         return max(alone, SCATTER.finest), 0.0, 0.0, np.where(np.isfinite(square), 0.0, np.nan)
-    whole = np.full(square.shape, np.nan)
-    whole[np.isfinite(square)] = odds
-    return spread, share, size, whole
+    all_odds = np.full(square.shape, np.nan)
+    all_odds[np.isfinite(square)] = odds
+    return spread, share, size, all_odds
 
 
-def _memory(inside: Sequence[np.ndarray], spread: float) -> tuple[float, float, float]:
+def _estimate_memory(inside: Sequence[np.ndarray], spread: float) -> tuple[float, float, float]:
     """(correlation of a deviation with that of the image before, its standard error, spread px) of stretches whose means were taken from
     themselves: both are too small by what the mean takes, which is put back."""
     stretches = [d for d in inside if len(d) > 1]

@@ -86,15 +86,15 @@ def find_rests(track: KeypointTrack) -> list[slice]:
     late = np.r_[True, np.diff(track.time) > TRACK.gap * track.period]
     margin = round(TRACK.trim / track.period)
     found = []
-    for piece in _still(slice(0, len(pixels)), _moves(pixels, TRACK.window), late):
+    for piece in _split_at_motion(slice(0, len(pixels)), _detect_motion(pixels, TRACK.window), late):
         inside = slice(piece.start + margin, max(piece.start, piece.stop - margin))
         slow = np.zeros(len(pixels), bool)  # slow ways show in longer windows alone
-        slow[inside] = _moves(pixels[inside], TRACK.slow * TRACK.window)
-        found += _still(inside, slow, late)
+        slow[inside] = _detect_motion(pixels[inside], TRACK.slow * TRACK.window)
+        found += _split_at_motion(inside, slow, late)
     return [s for s in found if track.time[s.stop - 1] - track.time[s.start] >= TRACK.rest]
 
 
-def _still(within: slice, moving: np.ndarray, late: np.ndarray) -> list[slice]:
+def _split_at_motion(within: slice, moving: np.ndarray, late: np.ndarray) -> list[slice]:
     """Stretches of some images in which nothing moves (n,) and none is late (n,)."""
     if within.stop <= within.start:
         return []
@@ -103,7 +103,7 @@ def _still(within: slice, moving: np.ndarray, late: np.ndarray) -> list[slice]:
     return [slice(a, b) for a, b in zip(edges[:-1].tolist(), edges[1:].tolist()) if not moving[a]]
 
 
-def _moves(pixels: np.ndarray, half: int) -> np.ndarray:
+def _detect_motion(pixels: np.ndarray, half: int) -> np.ndarray:
     """Images (n,) of two windows of `half` one after the other, whose medians differ by more than they usually do."""
     moving = np.zeros(len(pixels), bool)
     if len(pixels) < 2 * half + 1:

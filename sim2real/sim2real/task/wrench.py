@@ -44,8 +44,8 @@ class ArmMotion:
 
     def turning(self, rows: np.ndarray) -> np.ndarray:
         """Way (7,) in which each joint turns in rows, 1 or -1; 0 where it does not turn all the time."""
-        ways = np.where(np.abs(self.velocity[rows]) > FORCE.turned, np.sign(self.velocity[rows]), 0.0)
-        return np.where((ways == ways[:1]).all(axis=0), ways[0], 0.0)
+        directions = np.where(np.abs(self.velocity[rows]) > FORCE.turned, np.sign(self.velocity[rows]), 0.0)
+        return np.where((directions == directions[:1]).all(axis=0), directions[0], 0.0)
 
 
 def arm_motion(log: Log, rows: slice, panda: PandaModel = NOMINAL) -> ArmMotion:

@@ -42,26 +42,26 @@ def find_residual_patterns(scene: CameraScene, found: CameraFit, prior: Prior) -
     rows = weights.size
     base, right = _equations(scene, found, prior, weights)
     right = right - base @ np.linalg.lstsq(base, right, rcond=None)[0]
-    told: dict[str, tuple[float, str]] = {}  # by kind, the least probable by chance
+    patterns: dict[str, tuple[float, str]] = {}  # by kind, the least probable by chance
     for kind, text, columns, tries in _suspects(scene, found):
         columns = columns / np.maximum(np.sqrt((columns**2).mean(axis=(0, 1, 2))), 1e-12)
         extra = np.zeros((len(right), columns.shape[-1]))
         extra[:rows] = (weights[..., None] * columns).reshape(rows, -1)
         extra -= base @ np.linalg.lstsq(base, extra, rcond=None)[0]  # what the explanation cannot make
         axes, lengths, _ = np.linalg.svd(extra, full_matrices=False)
-        kept = lengths > FAINT * lengths.max(initial=1e-12)
-        rank, freedom = int(kept.sum()), found.freedom - kept.sum()
+        significant = lengths > FAINT * lengths.max(initial=1e-12)
+        rank, freedom = int(significant.sum()), found.freedom - significant.sum()
         if rank == 0 or freedom < 1:
             continue
-        shown = axes[:, kept].T @ right
-        drawn = max(right @ right - shown @ shown, 1e-12)
-        chance = fisher.sf((shown @ shown / rank) / (drawn / freedom), rank, freedom)
+        shown = axes[:, significant].T @ right
+        remaining = max(right @ right - shown @ shown, 1e-12)
+        chance = fisher.sf((shown @ shown / rank) / (remaining / freedom), rank, freedom)
         # As far as it is seen: what the poses of the places make of it is no error of a corner, unless it was measured where they are.
         concerned = scene.usable & (columns != 0).any(axis=(2, 3))
         size = found.scatter * np.sqrt(shown @ shown / max(concerned.sum(), 1))
         if chance * tries < COMPARISON.sure and size > COMPARISON.matters:
-            told[kind] = min(told.get(kind, (1.0, "")), (chance, f"{text} ({size:.1f} px)"))
-    return "; ".join(text for _, text in told.values())
+            patterns[kind] = min(patterns.get(kind, (1.0, "")), (chance, f"{text} ({size:.1f} px)"))
+    return "; ".join(text for _, text in patterns.values())
 
 
 def _equations(
@@ -70,16 +70,16 @@ def _equations(
     """Rows of the linearised fit, one beneath the other, by all numbers and poses; and what is left of each."""
     k, lines = len(scene), found.lines
     base = np.zeros((weights.size + COUNT + 6 * k, COUNT + 3 * k))
-    seen, usual = slice(0, weights.size), slice(weights.size, weights.size + COUNT)
-    base[seen, :COUNT] = (weights[..., None] * lines.by_vector).reshape(-1, COUNT)
+    corner_rows, prior_rows = slice(0, weights.size), slice(weights.size, weights.size + COUNT)
+    base[corner_rows, :COUNT] = (weights[..., None] * lines.by_vector).reshape(-1, COUNT)
     root = np.sqrt(prior.precision(found.vector))
-    base[usual, :COUNT] = np.diag(root)
-    base[usual.stop :, :COUNT] = (lines.off_by_vector / MEASURED[:, None]).reshape(-1, COUNT)
+    base[prior_rows, :COUNT] = np.diag(root)
+    base[prior_rows.stop :, :COUNT] = (lines.off_by_vector / MEASURED[:, None]).reshape(-1, COUNT)
     for n in range(k):
         columns = slice(COUNT + 3 * n, COUNT + 3 * n + 3)
         base[16 * n : 16 * n + 16, columns] = (weights[n, ..., None] * lines.by_pose[n]).reshape(16, 3)
-        base[usual.stop + 6 * n : usual.stop + 6 * n + 6, columns] = lines.off_by_pose[n] / MEASURED[:, None]
-    left = weights * (scene.pixels - lines.seen)
+        base[prior_rows.stop + 6 * n : prior_rows.stop + 6 * n + 6, columns] = lines.off_by_pose[n] / MEASURED[:, None]
+    left = weights * (scene.pixels - lines.pixels)
     left *= np.minimum(1.0, COMPARISON.cut / np.maximum(np.linalg.norm(left, axis=-1, keepdims=True), 1e-12))
     return base, np.concatenate([left.ravel(), -found.vector * root, (-lines.off / MEASURED).ravel()])
 
@@ -87,7 +87,7 @@ def _equations(
 def _suspects(scene: CameraScene, found: CameraFit) -> Iterator[tuple[str, str, np.ndarray, int]]:
     """Kind, what a pattern would mean, its columns (k, 8, 2, c) in px, and how many of its kind are tried."""
     camera, lines = scene.camera, found.lines
-    place = (lines.seen - (camera.cx, camera.cy)) / camera.width
+    place = (lines.pixels - (camera.cx, camera.cy)) / camera.width
     powers = np.stack([place[..., 0] ** a * place[..., 1] ** b for a, b in POWERS], axis=-1)
     columns = np.einsum("kcp,ij->kcijp", powers, np.eye(2)).reshape(*powers.shape[:2], 2, -1)
     yield (
@@ -115,12 +115,12 @@ def held_out_gain(scene: CameraScene, found: CameraFit, prior: Prior, start: np.
     for n in range(count):
         out = np.arange(len(scene)) % count == n
         vector = fit_scene(scene.of(~out), prior, start[~out], found.scatter).vector
-        apart = scene.of(out)
+        held_out = scene.of(out)
         for numbers, sign, away in ((np.zeros(COUNT), -1, before), (vector, 1, after)):
-            beside = evaluate_at(apart, numbers, found.poses[out], found.scatter)
-            gain += sign * beside.evidence
-            away.append(corner_distances(apart, beside, start[out]))
-    return HeldOutPrediction(gain / len(scene), *(float(np.median(np.concatenate(v))) for v in (before, after)))
+            predicted = evaluate_at(held_out, numbers, found.poses[out], found.scatter)
+            gain += sign * predicted.evidence
+            away.append(corner_distances(held_out, predicted, start[out]))
+    return HeldOut(gain / len(scene), *(float(np.median(np.concatenate(v))) for v in (before, after)))
 
 
 def corner_distances(scene: CameraScene, found: CameraFit, start: np.ndarray) -> np.ndarray:

@@ -78,47 +78,47 @@ def diagnose_camera(places: Sequence[RestPose], camera: Camera = CAMERA) -> Came
     if not places:
         raise ContractViolation("expected places at which the object rests in the picture, got none")
     places = distinct_rest_poses(places)
-    ways = [fit_flat_pose(place, camera) for place in places]
-    flat = np.array([way.is_flat for way in ways])
+    fits = [fit_flat_pose(place, camera) for place in places]
+    flat = np.array([one.is_flat for one in fits])
     left_out = tuple(place.name for place, is_flat in zip(places, flat) if not is_flat)
     if flat.mean() < COMPARISON.flat:
-        off = np.array([way.off for way in ways])
-        seen = f"{np.median(off[np.isfinite(off)]):.0f} px off" if np.isfinite(off).any() else "measured as tilted"
-        doubt = f"at {len(left_out)} of {len(places)} places the corners are of no {_size(places[0])} that lies flat ({seen})"
-        return CameraDiagnosis("unexplained", int(flat.sum()), left_out, abstention_reason=doubt)
-    kept = [(p, w) for p, w, is_flat in zip(places, ways, flat) if is_flat]
-    seen = make_scene([p for p, _ in kept], [(w.face, w.surface) for _, w in kept], camera)
-    models = _CameraModels(seen, np.array([w.pose for _, w in kept]))
+        off = np.array([one.off for one in fits])
+        errors = f"{np.median(off[np.isfinite(off)]):.0f} px off" if np.isfinite(off).any() else "measured as tilted"
+        reason = f"at {len(left_out)} of {len(places)} places the corners are of no {_size(places[0])} that lies flat ({errors})"
+        return CameraDiagnosis("unexplained", int(flat.sum()), left_out, abstention_reason=reason)
+    flat_places = [(p, w) for p, w, is_flat in zip(places, fits, flat) if is_flat]
+    scene = make_scene([p for p, _ in flat_places], [(w.face, w.surface) for _, w in flat_places], camera)
+    models = _CameraModels(scene, np.array([w.pose for _, w in flat_places]))
     nominal = models.of(frozenset())
-    believed = evaluate_at(seen, np.zeros(len(NAMES)), nominal.poses, nominal.scatter)
-    off = float(np.median(corner_distances(seen, believed, models.start)))
-    told = {"places": len(kept), "left_out": left_out, "off": off, "scene": seen, "nominal": nominal}
-    if doubt := _insufficient(seen):
-        return CameraDiagnosis("undetermined", **told, abstention_reason=doubt, fit=nominal, unidentifiable=NAMES)
+    at_nominal = evaluate_at(scene, np.zeros(len(NAMES)), nominal.poses, nominal.scatter)
+    off = float(np.median(corner_distances(scene, at_nominal, models.start)))
+    shared = {"places": len(flat_places), "left_out": left_out, "off": off, "scene": scene, "nominal": nominal}
+    if reason := _insufficient(scene):
+        return CameraDiagnosis("undetermined", **shared, abstention_reason=reason, fit=nominal, unidentifiable=NAMES)
     chosen = select_effects(EFFECTS, models.value, COMPARISON.most)
     best = models.of(chosen)
     findings = tuple(
         sorted((_finding(models, chosen, effect) for effect in chosen), key=lambda one: -one.log_bayes_factor)
     )
     bounds = _bounds(models, chosen)
-    doubt = "; ".join(filter(None, (_strain(best, chosen), find_residual_patterns(seen, best, models.prior(chosen)))))
-    if doubt:
+    reason = "; ".join(filter(None, (_strain(best, chosen), find_residual_patterns(scene, best, models.prior(chosen)))))
+    if reason:
         verdict = "unexplained"
     elif findings:
         verdict = verdict_of(findings)
     else:
         verdict = "undetermined" if len(bounds["unidentifiable"]) > COMPARISON.blind * len(NAMES) else "no_gap"
         hidden = f"{len(bounds['unidentifiable'])} of {len(NAMES)} numbers could be off and would not show in it"
-        doubt = "" if verdict == "no_gap" else hidden
+        reason = "" if verdict == "no_gap" else hidden
     return CameraDiagnosis(
         verdict,
-        **told,
+        **shared,
         **bounds,
         findings=findings,
         gains={name: models.gain(frozenset([name])) for name in EFFECTS},
         scatter=(best.scatter, nominal.scatter),
-        abstention_reason=doubt,
-        held_out=held_out_gain(seen, best, models.prior(chosen), models.start),
+        abstention_reason=reason,
+        held_out=held_out_gain(scene, best, models.prior(chosen), models.start),
         fit=best,
     )
 
@@ -126,8 +126,8 @@ def diagnose_camera(places: Sequence[RestPose], camera: Camera = CAMERA) -> Came
 class _CameraModels:
     """Fits of one scene by the effects that are gaps in them, each made once."""
 
-    def __init__(self, seen: CameraScene, start: np.ndarray) -> None:
-        self._scene, self.start = seen, start
+    def __init__(self, scene: CameraScene, start: np.ndarray) -> None:
+        self._scene, self.start = scene, start
         self._made: dict[Effects, CameraFit] = {}
 
     def prior(self, names: Effects) -> Prior:
@@ -218,16 +218,16 @@ def _bounds(models: _CameraModels, chosen: Effects) -> dict:
     for effect in EFFECTS:
         models.of(chosen | {effect})
         bounds |= models.estimates(effect)
-    unseen = tuple(name for name in NAMES if not BY_NAME[name].is_seen(bounds[name].low, bounds[name].high))
+    unseen = tuple(name for name in NAMES if not BY_NAME[name].is_informative(bounds[name].low, bounds[name].high))
     return {"bounds": {name: bounds[name] for name in NAMES}, "unidentifiable": unseen}
 
 
-def _insufficient(seen: CameraScene) -> str:
+def _insufficient(scene: CameraScene) -> str:
     """Why the places tell nothing apart, "" where they may."""
-    if len(seen) < COMPARISON.places:
-        where = "one place" if len(seen) == 1 else f"{len(seen)} places"
+    if len(scene) < COMPARISON.places:
+        where = "one place" if len(scene) == 1 else f"{len(scene)} places"
         return f"the object rested flat in {where}; {COMPARISON.places} are needed, better eight, all over the picture"
-    middles = np.array([p[u].mean(axis=0) for p, u in zip(seen.pixels, seen.usable)])
+    middles = np.array([p[u].mean(axis=0) for p, u in zip(scene.pixels, scene.usable)])
     widest = float(np.linalg.norm(middles[:, None] - middles, axis=-1).max())
     if widest < COMPARISON.apart:
         return f"the places are at most {widest:.0f} px apart; {COMPARISON.apart:.0f} are needed, better all over the picture"
@@ -243,7 +243,7 @@ def _strain(best: CameraFit, chosen: Effects) -> str:
         largest = parameter.largest if n in free else COMPARISON.strain * parameter.usual
         if abs(best.vector[n]) > largest:
             off = f"{parameter.scale * best.vector[n]:.2g} {parameter.shown}".strip()
-            return f"{parameter.said} would have to be off by {off}"
+            return f"{parameter.text} would have to be off by {off}"
     return ""
 
 

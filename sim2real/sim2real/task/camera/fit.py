@@ -75,7 +75,7 @@ class CameraFit:
 
     def left(self, scene: CameraScene) -> np.ndarray:
         """Pixels (k, 8, 2) by which corners are seen off the model, NaN where not usable."""
-        return np.where(scene.usable[..., None], scene.pixels - self.lines.seen, np.nan)
+        return np.where(scene.usable[..., None], scene.pixels - self.lines.pixels, np.nan)
 
 
 def fit_scene(
@@ -143,7 +143,7 @@ class _Search:
     def squares(self, lines: LinearisedScene, scatter: float) -> tuple[np.ndarray, np.ndarray]:
         """Of each corner (k, 8): variance px^2 of a coordinate, and the square of its error over it."""
         variance = scatter**2 + self.scene.error**2
-        return variance, ((self.scene.pixels - lines.seen) ** 2).sum(axis=-1) / variance
+        return variance, ((self.scene.pixels - lines.pixels) ** 2).sum(axis=-1) / variance
 
     def cost(self, lines: LinearisedScene, vector: np.ndarray, scatter: float, tails: float) -> float:
         """Minus the log density of what is seen and of the numbers, but for constants."""
@@ -175,8 +175,8 @@ class _Search:
         """Second derivatives by the vector (d, d), by both (k, d, 3) and by each pose (k, 3, 3)."""
         k = len(self.scene)
         root = np.sqrt(weights)[..., None, None]
-        seen = (root * lines.by_vector).reshape(k, 16, COUNT)
-        by_vector = np.concatenate([seen, lines.off_by_vector / MEASURED[:, None]], axis=1) * self.free
+        by_corner = (root * lines.by_vector).reshape(k, 16, COUNT)
+        by_vector = np.concatenate([by_corner, lines.off_by_vector / MEASURED[:, None]], axis=1) * self.free
         by_pose = np.concatenate(
             [(root * lines.by_pose).reshape(k, 16, 3), lines.off_by_pose / MEASURED[:, None]], axis=1
         )
@@ -190,7 +190,7 @@ class _Search:
 
     def slopes(self, lines: LinearisedScene, vector: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Minus the derivatives of the cost, (d,) and (k, 3)."""
-        pull = weights[..., None] * (self.scene.pixels - lines.seen)
+        pull = weights[..., None] * (self.scene.pixels - lines.pixels)
         held = -lines.off / MEASURED**2
         by_vector = np.einsum("kcid,kci->d", lines.by_vector, pull) + np.einsum("kid,ki->d", lines.off_by_vector, held)
         by_pose = np.einsum("kcid,kci->kd", lines.by_pose, pull) + np.einsum("kid,ki->kd", lines.off_by_pose, held)

@@ -45,12 +45,12 @@ class FlatPoseFit:
 
 def fit_flat_pose(place: RestPose, camera: Camera) -> FlatPoseFit:
     """The way of lying that explains a place best, or the one that was measured."""
-    ways = list(_measured_pose(place) if place.position is not None else _possible_poses(place, camera))
-    if not ways:
+    candidates = list(_measured_pose(place) if place.position is not None else _possible_poses(place, camera))
+    if not candidates:
         return FlatPoseFit(FACES[0], 0.0, np.array([0.5, 0.0, 0.0]), np.inf)
     found = (
         FlatPoseFit(face, surface, pose, _corner_error(place, camera, face, surface, pose))
-        for face, surface, pose in ways
+        for face, surface, pose in candidates
     )
     # A pose that was measured tells how the box lies; the corners may then be as far off as they like.
     return next(found) if place.position is not None else min(found, key=lambda one: one.off)
@@ -81,8 +81,8 @@ def _possible_poses(place: RestPose, camera: Camera) -> Iterator[tuple[np.ndarra
         for face in FACES:
             corners = (CORNERS[usable] * half) @ face.T
             height = surface + np.abs(face[2]) @ half + corners[:, 2]
-            seen = camera.at_height(rays, height)
-            there, own = (v[:, 0] + 1j * v[:, 1] for v in (seen, corners))
+            points = camera.at_height(rays, height)
+            there, own = (v[:, 0] + 1j * v[:, 1] for v in (points, corners))
             turn = np.vdot(own - own.mean(), there - there.mean())
             yaw = np.angle(turn)
             at = there.mean() - own.mean() * np.exp(1j * yaw)
@@ -110,8 +110,8 @@ def _corner_error(place: RestPose, camera: Camera, face: np.ndarray, surface: fl
     half = np.asarray(place.domain.half_size)
     spin = matrix_from_vector(np.array([0.0, 0.0, pose[2]]))
     middle = np.array([*pose[:2], surface + np.abs(face[2]) @ half])
-    seen, depth = camera.project((CORNERS * half) @ (spin @ face).T + middle)
-    away = (seen - place.pixels)[place.usable]
+    pixels, depth = camera.project((CORNERS * half) @ (spin @ face).T + middle)
+    away = (pixels - place.pixels)[place.usable]
     if place.position is not None:  # elsewhere is the camera's fault, and told by the fit: of the shape alone
         away = away - np.median(away, axis=0)
     # One corner in four may be gross: the middle of the squares stands for their mean, as of a circular Gaussian.

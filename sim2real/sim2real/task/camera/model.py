@@ -56,17 +56,17 @@ class CameraScene:
     def __len__(self) -> int:
         return len(self.names)
 
-    def of(self, kept: np.ndarray) -> CameraScene:
+    def of(self, rows: np.ndarray) -> CameraScene:
         """Some of the places."""
-        arrays = {name: value[kept] for name, value in vars(self).items() if isinstance(value, np.ndarray)}
-        return CameraScene(self.camera, tuple(np.array(self.names, object)[kept]), **arrays)
+        arrays = {name: value[rows] for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+        return CameraScene(self.camera, tuple(np.array(self.names, object)[rows]), **arrays)
 
 
 @dataclass(frozen=True, eq=False)
 class LinearisedScene:
     """A scene at some numbers, linearised."""
 
-    seen: np.ndarray
+    pixels: np.ndarray
     """Predicted corners (k, 8, 2) px."""
     by_vector: np.ndarray
     """Derivatives (k, 8, 2, d) by the numbers."""
@@ -126,7 +126,7 @@ def linearise(s: CameraScene, vector: np.ndarray, poses: np.ndarray) -> Linearis
     by_pose[..., 0], by_pose[..., 1] = table[:, 0], table[:, 1]
     by_pose[..., 2] = np.stack([-arms[..., 1], arms[..., 0], np.zeros((k, 8))], axis=-1) @ table.T
 
-    seen, of_optical, of_lens, ahead = _camera(s.camera, vector, points)
+    pixels, of_optical, of_lens, ahead = _camera(s.camera, vector, points)
     turn = matrix_from_vector(vector[TURN]) @ np.asarray(s.camera.rotation)
     of_base = of_optical @ turn.T  # (k, 8, 2, 3)
     by_vector = of_base @ of_point + of_lens
@@ -148,7 +148,7 @@ def linearise(s: CameraScene, vector: np.ndarray, poses: np.ndarray) -> Linearis
         off_by_vector[np.ix_(m, range(3, 6), TILT)] = by_tilt
         off_by_pose[np.ix_(m, range(3), [0, 1])] = table[:, :2]
         off_by_pose[np.ix_(m, range(3, 6), [2])] = table[:, 2:]
-    return LinearisedScene(seen, by_vector, of_base @ by_pose, off, off_by_vector, off_by_pose, ahead, own)
+    return LinearisedScene(pixels, by_vector, of_base @ by_pose, off, off_by_vector, off_by_pose, ahead, own)
 
 
 def _camera(camera: Camera, vector: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:

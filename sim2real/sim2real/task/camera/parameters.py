@@ -18,7 +18,7 @@ class CameraParameter:
 
     name: str
     """Name in JSON."""
-    said: str
+    text: str
     """Name in sentences."""
     unit: str
     """SI, px or 1."""
@@ -33,14 +33,14 @@ class CameraParameter:
     largest: float
     """Largest gap that is physical."""
 
-    def is_seen(self, low: float, high: float) -> bool:
+    def is_informative(self, low: float, high: float) -> bool:
         """Whether an interval says something of the number: its sign, or that it is much nearer to nothing than a gap may be."""
         return low > 0 or high < 0 or high - low <= 2 * 1.96 * THRESHOLDS.camera_comparison.narrowed * self.gap
 
 
-def _axes(name: str, said: str, axes: str, unit: str, field: str, shown: str, scale: float, largest: float):
+def _axes(name: str, text: str, axes: str, unit: str, field: str, shown: str, scale: float, largest: float):
     spread = getattr(SPREADS, field)
-    return tuple(CameraParameter(f"{name}_{a}", f"{said} {a}", unit, *spread, shown, scale, largest) for a in axes)
+    return tuple(CameraParameter(f"{name}_{a}", f"{text} {a}", unit, *spread, shown, scale, largest) for a in axes)
 
 
 PARAMETERS: tuple[CameraParameter, ...] = (
@@ -78,7 +78,7 @@ class CameraEffect:
     """Numbers that it changes."""
     called: str
     """What is off, in words."""
-    said: str
+    text: str
     """Sentence template with its numbers in braces (`sim2real.effects.sentences`)."""
     quantities: tuple[str, ...] = ()
     """Names of the numbers in `patch.yaml`; empty where a patch cannot carry it."""
@@ -185,6 +185,6 @@ OF_ITSELF = {"image_offset": "corners marked by hand in one picture: a detector'
 
 def distinguishing_experiments(names: frozenset[str]) -> tuple[str, ...]:
     """Experiments that tell these explanations apart, each once."""
-    told = [text for pair, text in SPLIT_BY if pair <= names]
-    told += [OF_ITSELF[name] for name in sorted(names & OF_ITSELF.keys())]
-    return tuple(dict.fromkeys(told))
+    experiments = [text for pair, text in SPLIT_BY if pair <= names]
+    experiments += [OF_ITSELF[name] for name in sorted(names & OF_ITSELF.keys())]
+    return tuple(dict.fromkeys(experiments))

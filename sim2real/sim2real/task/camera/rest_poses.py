@@ -103,12 +103,12 @@ def find_rest_poses(track: KeypointTrack, domain: Domain) -> list[tuple[RestPose
 
 def distinct_rest_poses(found: Sequence[RestPose]) -> list[RestPose]:
     """The places, each once: a detector errs in the same way where the same object is seen at the same place again."""
-    kept: list[RestPose] = []
+    distinct: list[RestPose] = []
     for place in found:
-        alike = (p for p in kept if p.domain.half_size == place.domain.half_size)
-        if all(_distance(p.pixels, place.pixels) >= PLACES.same for p in alike):
-            kept.append(place)
-    return kept
+        same_objects = (p for p in distinct if p.domain.half_size == place.domain.half_size)
+        if all(_distance(p.pixels, place.pixels) >= PLACES.same for p in same_objects):
+            distinct.append(place)
+    return distinct
 
 
 def _rows(track: KeypointTrack, group: list[slice]) -> np.ndarray:
@@ -125,22 +125,22 @@ def _medians(track: KeypointTrack, group: list[slice]) -> np.ndarray:
 
 def _distance(one: np.ndarray, other: np.ndarray) -> float:
     """px by which the middle corner lies elsewhere; infinite where none is in both."""
-    apart = np.linalg.norm(one - other, axis=1)
-    return float(np.nanmedian(apart)) if np.isfinite(apart).any() else np.inf
+    distances = np.linalg.norm(one - other, axis=1)
+    return float(np.nanmedian(distances)) if np.isfinite(distances).any() else np.inf
 
 
 def _corners(track: KeypointTrack, group: list[slice]) -> tuple[np.ndarray, np.ndarray, int]:
     """Median (8, 2) of each corner, its standard error (8,), NaN for those that are usable too seldom; number of images."""
     rows, middle = _rows(track, group), _medians(track, group)
-    seen = np.isfinite(rows[..., 0]).sum(axis=0)
-    kept = seen >= max(PLACES.images * len(rows), 1)
+    counts = np.isfinite(rows[..., 0]).sum(axis=0)
+    known = counts >= max(PLACES.images * len(rows), 1)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         spread = 1.4826 * np.nanmedian(np.abs(rows - middle), axis=(0, 2))  # of a Gaussian, by its median deviation
     # What is remembered from image to image counts less often; a median is sqrt(pi / 2) less sure than a mean.
-    count = seen * (1 - PLACES.memory) / (1 + PLACES.memory)
+    count = counts * (1 - PLACES.memory) / (1 + PLACES.memory)
     error = np.sqrt(np.pi / 2) * spread / np.sqrt(np.maximum(count, 1.0))
-    return np.where(kept[:, None], middle, np.nan), np.where(kept, error, np.nan), len(rows)
+    return np.where(known[:, None], middle, np.nan), np.where(known, error, np.nan), len(rows)
 
 
 def _add_measurement(place: RestPose, rest: slice, track: KeypointTrack, time: np.ndarray, poses: list) -> RestPose:

@@ -62,38 +62,40 @@ def estimate_friction_and_mass(
     every: Sequence[ForceReading], believed: NominalContact, slid: Sequence[TapSlide] = ()
 ) -> ContactForceResult:
     """From readings of forces and from slides of objects that were tapped."""
-    led = tuple(r for r in every if r.kind != "scrape" and r.follows >= FORCE.follows)
-    if len(led) < 3:
+    used = tuple(r for r in every if r.kind != "scrape" and r.follows >= FORCE.follows)
+    if len(used) < 3:
         return ContactForceResult(
-            "undetermined", None, led, f"{len(led)} drags and pushes went as they should; 3 are needed"
+            "undetermined", None, used, f"{len(used)} drags and pushes went as they should; 3 are needed"
         )
-    value, covariance, misfit = fit_friction_and_mass(led, believed)
-    covariance = np.maximum(1.0, jackknife_factor(led, believed, covariance)) * covariance
+    value, covariance, misfit = fit_friction_and_mass(used, believed)
+    covariance = np.maximum(1.0, jackknife_factor(used, believed, covariance)) * covariance
     value, covariance = value - [FORCE.law[0], 0.0], covariance + np.diag([FORCE.law[1] ** 2, 0.0])
     value, covariance = _add_finger(value, covariance, every, believed)
-    comparison = compare_hypotheses(_measure(value, covariance))
+    comparison = compare_hypotheses(_measured_changes(value, covariance))
     held = [
-        (r.force - r.deviation) / (r.normal + r.normal_deviation) for r in every if r.kind == "scrape" or _is_led(r)
+        (r.force - r.deviation) / (r.normal + r.normal_deviation)
+        for r in every
+        if r.kind == "scrape" or _object_follows(r)
     ]
-    before, after = _held_out(led, believed, {one.hypotheses[0].name for one in comparison.findings})
-    told = dict(
-        readings=led,
+    before, after = _held_out(used, believed, {one.hypotheses[0].name for one in comparison.findings})
+    shared = dict(
+        readings=used,
         misfit=misfit,
         before=before,
         after=after,
         measured=_absolute_values(value, covariance, believed),
         least_finger=max(held, default=None),
     )
-    if reason := find_external_pull(led, believed) or find_external_press(told["measured"], slid):
-        return ContactForceResult("unexplained", comparison, abstention_reason=reason, **told)
+    if reason := find_external_pull(used, believed) or find_external_press(shared["measured"], slid):
+        return ContactForceResult("unexplained", comparison, abstention_reason=reason, **shared)
     if misfit > FORCE.misfit:
         return ContactForceResult(
             "unexplained",
             comparison,
             abstention_reason=f"forces are {misfit:.1f} times as far off as they usually are",
-            **told,
+            **shared,
         )
-    return ContactForceResult(comparison.verdict, comparison, **told)
+    return ContactForceResult(comparison.verdict, comparison, **shared)
 
 
 def _add_finger(
@@ -110,9 +112,9 @@ def _add_finger(
         if agree.all() and not tip_hops(every, np.exp(mean), *np.exp(value) * (believed.table, believed.mass)):
             finger = mean - np.log(believed.finger)
             variance = float(1 / np.sum(1 / own)) + FORCE.proportion**2 / 4 / len(slips)
-    whole = np.zeros((3, 3))
-    whole[:2, :2], whole[2, 2] = covariance, variance
-    return np.append(value, finger), whole
+    full = np.zeros((3, 3))
+    full[:2, :2], full[2, 2] = covariance, variance
+    return np.append(value, finger), full
 
 
 def tip_hops(every: Sequence[ForceReading], finger: float, table: float, mass: float) -> bool:
@@ -123,11 +125,11 @@ def tip_hops(every: Sequence[ForceReading], finger: float, table: float, mass: f
     return sum(FORCE.slips <= r.follows < FORCE.follows for r in more) > 1
 
 
-def _is_led(reading: ForceReading) -> bool:
+def _object_follows(reading: ForceReading) -> bool:
     return reading.kind == "drag" and reading.follows >= FORCE.follows
 
 
-def _measure(value: np.ndarray, covariance: np.ndarray) -> MeasuredChanges:
+def _measured_changes(value: np.ndarray, covariance: np.ndarray) -> MeasuredChanges:
     usual, gap = zip(FORCE.table, FORCE.mass, FORCE.finger)
     return MeasuredChanges(NUMBERS, value, covariance, np.array(usual), np.array(gap), EFFECTS)
 

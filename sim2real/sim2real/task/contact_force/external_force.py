@@ -18,12 +18,12 @@ FORCE, SLIDE = THRESHOLDS.friction_and_mass, THRESHOLDS.tap_slides
 def find_external_pull(used: Sequence[ForceReading], believed: NominalContact) -> str:
     """What pulls the object beside the hand, if forces are more probable with it; "" for nothing. Along the table, it takes from readings in
     some directions what it gives to others; downwards, more at one place than at another, it is no mass."""
-    ways, places = np.array([r.way for r in used]), np.array([r.place for r in used])
-    pull, gain = _with_more(used, believed, -ways)
+    directions, places = np.array([r.way for r in used]), np.array([r.place for r in used])
+    pull, gain = _fit_extra_force(used, believed, -directions)
     if gain > FORCE.pulled and np.linalg.norm(pull) > FORCE.pull:
         return f"something pulls the object by {pull[0]:.2f} N and {pull[1]:.2f} N (x, y), whatever the hand does"
     away = places - places.mean(axis=0)
-    down, gain = _with_more(used, believed, believed.table * away / FORCE.apart)
+    down, gain = _fit_extra_force(used, believed, believed.table * away / FORCE.apart)
     differs = float(np.ptp(away / FORCE.apart @ down))
     if gain > FORCE.pulled and differs > FORCE.pull:
         return f"the object is pulled down by {differs:.1f} N more at one place than at another"
@@ -45,7 +45,9 @@ def find_external_press(measured: Mapping[str, tuple[float, float, float]], slid
     )
 
 
-def _with_more(used: Sequence[ForceReading], believed: NominalContact, columns: np.ndarray) -> tuple[np.ndarray, float]:
+def _fit_extra_force(
+    used: Sequence[ForceReading], believed: NominalContact, columns: np.ndarray
+) -> tuple[np.ndarray, float]:
     """Numbers (2,) by which forces that go with columns (n, 2) are larger, and nats by which readings are more probable with them."""
     force = np.array([r.force for r in used])
     own = np.array([np.hypot(r.deviation, believed.table * r.normal_deviation) for r in used])

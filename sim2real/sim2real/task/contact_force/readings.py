@@ -87,7 +87,7 @@ def _drags(recording: TaskRecording, panda: PandaModel, camera: Camera) -> Itera
                 # An object that is led askew is held askew: what holds it is the whole of the force.
                 along, across = -sign * on_hand[rows, axis], on_hand[rows, 1 - axis]
                 force = float(np.hypot(along.mean(), across.mean()))
-                follows, place = _follows(recording, moved, stroke, camera)
+                follows, place = _measure_following(recording, moved, stroke, camera)
                 error = _error(along)
                 ahead = tuple(sign * float(n == axis) for n in range(2))
                 yield ForceReading(
@@ -95,7 +95,7 @@ def _drags(recording: TaskRecording, panda: PandaModel, camera: Camera) -> Itera
                 )
 
 
-def _follows(
+def _measure_following(
     recording: TaskRecording, moved: ArmMotion, stroke: np.ndarray, camera: Camera
 ) -> tuple[float, tuple[float, float]]:
     """Share of the tip's way in a stroke that the object is led along, and its place (2,) m halfway; 0 where it is not seen."""
@@ -129,13 +129,13 @@ def _push(recording: TaskRecording, name: str, panda: PandaModel, camera: Camera
     """The steady part of a push; what the arm's model lacks is measured on the run-up, at the same speed."""
     moved = arm_motion(recording.log, recording.rows(name), panda)
     run, ahead = _forward(moved)
-    way = (moved.tip[run] - moved.tip[run[0]]) @ ahead
-    free = run[way < SLOW.run_up / 2][FORCE.edge :]
+    travelled = (moved.tip[run] - moved.tip[run[0]]) @ ahead
+    free = run[travelled < SLOW.run_up / 2][FORCE.edge :]
     if len(free) < FORCE.rows or len(run) < 4 * FORCE.rows:
         return []
     points = leading_corner(ahead, moved.turn, moved.tip)
-    ways = moved.turning(free)
-    on_hand = tip_forces(moved, moved.free(free), points, panda, ways)
+    directions = moved.turning(free)
+    on_hand = tip_forces(moved, moved.free(free), points, panda, directions)
     along = -on_hand @ ahead
     usual = float(np.median(along[run[-len(run) // 3 :]]))
     on = run[int(np.argmax(along[run] > 0.5 * usual)) + 2 * FORCE.edge : -FORCE.edge]
@@ -148,19 +148,19 @@ def _push(recording: TaskRecording, name: str, panda: PandaModel, camera: Camera
     aside = float(np.cross(ahead[:2], (points[on[0]] - centre)[:2]))
     # A push that turns the object takes a little less than one that does not, how much its support decides.
     turning = FORCE.turning * usual * (abs(aside) > FORCE.central)
-    covariance = tip_force_covariance(moved, points, panda, ways)[on].mean(axis=0)
+    covariance = tip_force_covariance(moved, points, panda, directions)[on].mean(axis=0)
     # The tip's friction cannot hold the face by more than a share of what presses it: all that is known where joints rest.
-    before, seen = (FORCE.face * usual) ** 2, covariance[2, 2]
-    normal = before / (before + seen) * float(np.median(on_hand[on, 2]))
+    before, observed = (FORCE.face * usual) ** 2, covariance[2, 2]
+    normal = before / (before + observed) * float(np.median(on_hand[on, 2]))
     deviation = np.sqrt(_error(along[on]) ** 2 + turning**2 + ahead @ covariance @ ahead)
     group = f"push {round(float(np.arctan2(ahead[1], ahead[0])) / (np.pi / 2)) % 4}"
-    force, normal_deviation = float(np.median(along[on])), float(np.sqrt(before * seen / (before + seen)))
-    way = float(ahead[0]), float(ahead[1])
+    force, normal_deviation = float(np.median(along[on])), float(np.sqrt(before * observed / (before + observed)))
+    direction = float(ahead[0]), float(ahead[1])
     halfway = centre[:2] + ahead[:2] * SLOW.travel / 2
     place = float(halfway[0]), float(halfway[1])
     return [
         ForceReading(
-            name, "push", force, normal, aside, float(deviation), group, normal_deviation, way=way, place=place
+            name, "push", force, normal, aside, float(deviation), group, normal_deviation, way=direction, place=place
         )
     ]
 
@@ -173,8 +173,8 @@ def _forward(moved: ArmMotion) -> tuple[np.ndarray, np.ndarray]:
     last = max(int(away.argmax()), begin + 1)
     speed = np.linalg.norm(moved.moves[begin:last, :2], axis=1) * (np.abs(moved.moves[begin:last, 2]) < FORCE.lifts)
     at_speed = begin + np.flatnonzero(speed > FORCE.moving * np.quantile(speed, 0.98))
-    way = (moved.tip[last] - moved.tip[begin]) * (1.0, 1.0, 0.0)
-    ahead = way / max(float(np.linalg.norm(way)), 1e-6)
+    travelled = (moved.tip[last] - moved.tip[begin]) * (1.0, 1.0, 0.0)
+    ahead = travelled / max(float(np.linalg.norm(travelled)), 1e-6)
     return np.arange(at_speed[0], at_speed[-1] + 1) if len(at_speed) else at_speed, ahead
 
 

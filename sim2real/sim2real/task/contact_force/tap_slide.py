@@ -37,12 +37,12 @@ class TapSlide:
     """Path (n,) m of the tip in the direction of the tap."""
     speed: np.ndarray
     """Speed (n,) m/s of the tip."""
-    rested: float
+    rest_position: float
     """Position m of the object's face at rest, on that path."""
 
     def short(self, slows: float) -> float:
         """m by which the object came to rest sooner than friction of `fit_deceleration` m/s^2 has it."""
-        return float(np.max(self.along + self.speed**2 / (2 * slows))) - self.rested
+        return float(np.max(self.along + self.speed**2 / (2 * slows))) - self.rest_position
 
 
 def fit_deceleration(of: Sequence[TapSlide]) -> float:
@@ -80,5 +80,5 @@ def _find_slides(recording: TaskRecording, meeting: HandEyeOffset, camera: Camer
         speed = np.maximum(np.gradient(along, time[begin:end]), 0.0)
         # The face along the tip's line, where the hand would meet it.
         lead = edge[along.argmax()]
-        met = distance + meeting.off(normal) - float((lead[:2] - resting.centre[:2]) @ normal)
-        yield TapSlide(name, along, speed, float(lead @ ahead) - met / square)
+        contact = distance + meeting.off(normal) - float((lead[:2] - resting.centre[:2]) @ normal)
+        yield TapSlide(name, along, speed, float(lead @ ahead) - contact / square)

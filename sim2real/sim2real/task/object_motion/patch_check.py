@@ -41,7 +41,7 @@ def withhold_harmful_effects(
             rest = Patch(tuple(e for e in patch.effects if e is not one))
             without = prediction_errors(recordings, rest, camera, panda)
             known = np.isfinite(without) & np.isfinite(after)
-            removed = _worse(without[known], after[known]) if known.any() else None
+            removed = _removed_if_worse(without[known], after[known]) if known.any() else None
             if removed is not None:
                 worse.append((removed, one.effect, rest, without))
         if not worse:
@@ -51,7 +51,7 @@ def withhold_harmful_effects(
     return CheckedPatch(patch, withheld)
 
 
-def _worse(without: np.ndarray, after: np.ndarray) -> ValueWithInterval | None:
+def _removed_if_worse(without: np.ndarray, after: np.ndarray) -> ValueWithInterval | None:
     """The share of the error of windows (n,) px that is gone after, where that is surely less than none, in 95 % of draws of them: of their sum; or of
     what is left of one, on geometric average, where the sum is no better. A few windows in which a tip slips or holds by chance are most of a
     sum, and hide that nearly all others are worse; what is better in sum stays, for one tap that comes right is worth many drags."""

@@ -50,9 +50,9 @@ def prediction_errors(
     Each is the mean over frictions of the table, rougher by these shares, by which two engines differ: where a tip hops, a hundredth more or
     less of it decides where the object goes, and one draw says nothing of the patch.
     """
-    asked = [window for one in recordings for window in find_windows(one)]
-    tried = (WindowSimulator(recordings[0].domain, patch, camera, panda, more) for more in rougher)
-    return np.mean([[_error(simulated, window) for window in asked] for simulated in tried], axis=0)
+    windows = [window for one in recordings for window in find_windows(one)]
+    simulators = (WindowSimulator(recordings[0].domain, patch, camera, panda, more) for more in rougher)
+    return np.mean([[_error(simulated, window) for window in windows] for simulated in simulators], axis=0)
 
 
 def predict_motion(
@@ -88,24 +88,24 @@ def predict_motion(
 
 def removed_share(before: np.ndarray, after: np.ndarray) -> ValueWithInterval:
     """Share of errors (n,) that is gone after, with its 95 % interval by the bootstrap over windows."""
-    drawn = _draw(len(before))
-    return _removed(after.sum() / before.sum(), after[drawn].sum(axis=1) / before[drawn].sum(axis=1))
+    draws = _draw(len(before))
+    return _share_with_interval(after.sum() / before.sum(), after[draws].sum(axis=1) / before[draws].sum(axis=1))
 
 
 def typical_removed_share(before: np.ndarray, after: np.ndarray) -> ValueWithInterval:
     """As `removed_share`, of the geometric mean of what is left of each window's error (n,): in it a window counts as much as any other, where a sum is
     what a few of them say in which a tip hops."""
     left = np.log(after / before)
-    return _removed(np.exp(left.mean()), np.exp(left[_draw(len(left))].mean(axis=1)))
+    return _share_with_interval(np.exp(left.mean()), np.exp(left[_draw(len(left))].mean(axis=1)))
 
 
 def _draw(count: int) -> np.ndarray:
     return np.random.default_rng(0).integers(count, size=(MOTION.draws, count))
 
 
-def _removed(left: float, drawn: np.ndarray) -> ValueWithInterval:
+def _share_with_interval(left: float, draws: np.ndarray) -> ValueWithInterval:
     """1 - left, with the interval of draws of it."""
-    low, high = np.quantile(1 - drawn, [0.025, 0.975])
+    low, high = np.quantile(1 - draws, [0.025, 0.975])
     return ValueWithInterval(float(1 - left), float(low), float(high))
 
 

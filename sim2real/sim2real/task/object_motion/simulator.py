@@ -63,7 +63,7 @@ class WindowSimulator:
         Raises ContractViolation where the object is not seen, FloatingPointError where the simulation comes apart.
         """
         recording = window.recording
-        start = self._change.pose(pose_between(recording, window.rested, window.begin, self._seen_from()))
+        start = self._change.pose(pose_between(recording, window.rest_from, window.begin, self._seen_from()))
         moments, poses = self._simulate(window, start)
         shown = recording.track.time[window.images] + recording.seen_from - self._late
         return [poses[k] for k in np.clip(np.searchsorted(moments, shown), 0, len(poses) - 1)]
@@ -96,16 +96,16 @@ class WindowSimulator:
         engine.reset(start)
         engine.place(log.position[rows.start], log.velocity[rows.start])
         moments = np.arange(log.time[rows.start], log.time[rows.stop - 1], PERIOD_NS / SECOND_NS)
-        led, speed, torque = (
+        joint_positions, speed, torque = (
             np.column_stack([np.interp(moments, time, column) for column in values.T])
             for time, values in ((log.time, log.position), (log.time, log.velocity), (log.torque_time, log.torque))
         )
         if log.with_gravity:
-            torque = torque - np.array([self._gravity(q) for q in led])
+            torque = torque - np.array([self._gravity(q) for q in joint_positions])
         poses = []
         for row in range(len(moments)):
             poses.append(engine.object_pose())
             q, dq, _ = engine.joints()
-            pull = STIFFNESS * (led[row] - q[:7]) + DAMPING * (speed[row] - dq[:7])
+            pull = STIFFNESS * (joint_positions[row] - q[:7]) + DAMPING * (speed[row] - dq[:7])
             engine.step(torque[row] + pull, np.zeros(7), 0.0)
         return moments, poses

@@ -24,7 +24,7 @@ class MotionWindow:
     """Recording."""
     experiment: str
     """Experiment."""
-    rested: float
+    rest_from: float
     """Time s of the log from which the object rests, until `begin`."""
     begin: float
     """Time s at which the tip comes down."""

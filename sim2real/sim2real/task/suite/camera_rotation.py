@@ -33,11 +33,11 @@ def prefer_rotation_over_translation(
     height = scene.surface + (np.abs(scene.face[:, 2]) * scene.half).sum(axis=1)
     place = np.array([*(np.median(poses[:, :2], axis=0) - off), lift + float(np.median(height))])
     turn = _turn(scene.camera, place, off)
-    elsewhere, looking = np.zeros(COUNT), np.zeros(COUNT)
-    elsewhere[SHIFT[:2]], looking[TURN[:2]] = -off, turn
-    elsewhere[HEIGHT] = looking[HEIGHT] = lift
+    shifted, rotated = np.zeros(COUNT), np.zeros(COUNT)
+    shifted[SHIFT[:2]], rotated[TURN[:2]] = -off, turn
+    shifted[HEIGHT] = rotated[HEIGHT] = lift
     moved = poses - np.array([*off, 0.0])
-    by_place, by_turn = (evaluate_at(scene, vector, moved, SCATTER).cost for vector in (elsewhere, looking))
+    by_place, by_turn = (evaluate_at(scene, vector, moved, SCATTER).cost for vector in (shifted, rotated))
     return turn if by_place - by_turn > INDISTINGUISHABLE_LOG_BAYES_FACTOR else None
 
 

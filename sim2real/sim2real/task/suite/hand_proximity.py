@@ -62,8 +62,8 @@ def hand_trajectory(recording: TaskRecording, camera: Camera = CAMERA, lift: flo
     resting = RestingObject.of(recording.domain, pose_between(recording, begin, begin + FIRST, camera))
     rows = slice(None, None, max(1, round(1 / RATE / float(np.median(np.diff(log.time))))))
     time, (position, turn) = log.time[rows], forward_kinematics(log.position[rows])
-    seen, middle = _middles(recording, camera, resting.height / 2)
-    away = np.hypot(*(position[:, axis] - np.interp(time, seen, middle[:, axis]) for axis in range(2)))
+    times, middle = _object_centres(recording, camera, resting.height / 2)
+    away = np.hypot(*(position[:, axis] - np.interp(time, times, middle[:, axis]) for axis in range(2)))
     low = lowest_corner(position, turn)[:, 2] < lift + resting.height + STATIC.above
     along = np.gradient(position[:, :2], time, axis=0)
     return HandTrajectory(time, low & (away < resting.reach + RADIUS + STATIC.beside), np.hypot(*along.T))
@@ -82,15 +82,15 @@ def mask_touched_images(recording: TaskRecording, camera: Camera = CAMERA) -> Ke
     return replace(track, usable=usable)
 
 
-def _middles(recording: TaskRecording, camera: Camera, height: float) -> tuple[np.ndarray, np.ndarray]:
+def _object_centres(recording: TaskRecording, camera: Camera, height: float) -> tuple[np.ndarray, np.ndarray]:
     """s of the log (n,) and places (n, 2) m of the object's middle, `height` m over the table, of images that show all corners well enough."""
     track = recording.track
     known = track.usable.sum(axis=1) >= STATIC.corners
-    seen = [c for c in range(COUNT) if track.usable[:, c].any()]
-    if not known.any() or not seen:
+    corner_indices = [c for c in range(COUNT) if track.usable[:, c].any()]
+    if not known.any() or not corner_indices:
         raise ContractViolation("the object is not seen")
     # All of them, or the middle goes.
-    corners = [interpolate_hidden(track.time, track.pixels[:, c], track.usable[:, c]) for c in seen]
+    corners = [interpolate_hidden(track.time, track.pixels[:, c], track.usable[:, c]) for c in corner_indices]
     pixels = np.mean(corners, axis=0)[known]
     pixels = median_filter(pixels, size=(STATIC.window, 1), mode="nearest")  # a corner that is found wrongly
     return track.time[known] + recording.seen_from, camera.at_height(camera.rays(pixels), height)

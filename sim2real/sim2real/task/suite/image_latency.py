@@ -45,33 +45,33 @@ class ImageLatency:
 def estimate_image_latency(recording: TaskRecording, camera: Camera = CAMERA) -> ImageLatency:
     """From the slow pushes and shoves of a recording, and from oscillating pushes."""
     names = [name for family in ("push", "shove") for name in recording.named(family)]
-    pushes = tuple(one for name in names if (one := _led(recording, name, camera)))
+    pushes = tuple(one for name in names if (one := _track_push(recording, name, camera)))
     return latency_from_pushes(pushes + find_oscillating_pushes(recording, camera))
 
 
 def latency_from_pushes(pushes: tuple[PushedObject, ...]) -> ImageLatency:
     """The weighted mean over pushes. Its error follows from theirs, or from their scatter where that is larger, and from what all have in
     common."""
-    fits = [_late(one) for one in pushes]
+    fits = [_fit_delay(one) for one in pushes]
     good = [
         (fit, one) for fit, one in zip(fits, pushes) if fit[2] < LATENCY.left and abs(fit[0]) < 0.99 * LATENCY.within
     ]
-    each, kept = tuple(late for (late, _, _), _ in good), tuple(one for _, one in good)
-    if sum(one.counts for one in kept) < LATENCY.least:
+    each, used = tuple(late for (late, _, _), _ in good), tuple(one for _, one in good)
+    if sum(one.counts for one in used) < LATENCY.least:
         return ImageLatency(
             "undetermined",
             None,
             each,
-            kept,
+            used,
             f"{len(each)} pushes led the object as they should; {LATENCY.least} are needed",
         )
     deviations = np.array([np.hypot(fit[1], LATENCY.sways if one.periods else 0.0) for fit, one in good])
-    rows = np.array([one.row for one in kept])
+    rows = np.array([one.row for one in used])
     value, own = _middle(np.array(each), deviations, rows)
     deviation = float(np.hypot(own, LATENCY.common))
     late = ValueWithInterval(value, value - NORMAL_95 * deviation, value + NORMAL_95 * deviation)
     return ImageLatency(
-        "ambiguous" if late.low > LATENCY.seen or late.high < -LATENCY.seen else "no_gap", late, each, kept
+        "ambiguous" if late.low > LATENCY.seen or late.high < -LATENCY.seen else "no_gap", late, each, used
     )
 
 
@@ -90,15 +90,15 @@ def _middle(late: np.ndarray, deviation: np.ndarray, rows: np.ndarray) -> tuple[
     return float(found[0]), float(np.sqrt(max(1.0, scatter) * np.linalg.inv(precision)[0, 0]))
 
 
-def _late(one: PushedObject) -> tuple[float, float, float]:
+def _fit_delay(one: PushedObject) -> tuple[float, float, float]:
     """s by which the images of a push or a sway are late, with its deviation, and m that is left of the object's way."""
 
     def off(x: np.ndarray) -> np.ndarray:
         """x: delay in ms, scale in %, place of rest in mm; of a sway its play in mm."""
         tip = apply_play(one.tip, 1e-3 * abs(x[3])) if one.periods else one.tip
-        led = (1 + 1e-2 * x[1]) * np.interp(one.time - 1e-3 * x[0], one.at, tip) + 1e-3 * x[2]
+        predicted = (1 + 1e-2 * x[1]) * np.interp(one.time - 1e-3 * x[0], one.at, tip) + 1e-3 * x[2]
         usual = [x[1] / LATENCY.scale, *(x[3:] / (1e3 * LATENCY.play))]  # or these would stand in for the delay
-        return np.append((led - one.way) / LATENCY.way, usual)
+        return np.append((predicted - one.way) / LATENCY.way, usual)
 
     first, scale = ([0.1], [0.1]) if one.periods else ([], [])
     starts = [np.array([delay, 0.0, 0.0, *first]) for delay in np.arange(-100.0, 1e3 * LATENCY.within, 20.0)]
@@ -112,7 +112,7 @@ def _late(one: PushedObject) -> tuple[float, float, float]:
     )
 
 
-def _led(recording: TaskRecording, name: str, camera: Camera) -> PushedObject | None:
+def _track_push(recording: TaskRecording, name: str, camera: Camera) -> PushedObject | None:
     """The images from when the object is on its way until both rest; None where it turns, does not go along or is not seen."""
     rest = find_push_end(recording, name, camera)
     if rest is None:
@@ -123,12 +123,12 @@ def _led(recording: TaskRecording, name: str, camera: Camera) -> PushedObject | 
     # What goes with the tip is where it touches, which a turning object's middle does not.
     lever = rest.at + RADIUS * ahead - rest.pose.position
     aside = float(lever @ [-ahead[1], ahead[0], 0.0])
-    way = moved_by - np.sin(turned) * aside + (np.cos(turned) - 1) * float(lever @ ahead)
-    known = np.isfinite(way)
+    path = moved_by - np.sin(turned) * aside + (np.cos(turned) - 1) * float(lever @ ahead)
+    known = np.isfinite(path)
     # On its way: once it has gone a part of what it goes in all, so that the tip surely has it.
-    moved = way - np.nanmin(way) if known.any() else way
-    going = known & (moved > LATENCY.begun) & (np.arange(len(way)) > np.argmax(moved > LATENCY.begun))
+    moved = path - np.nanmin(path) if known.any() else path
+    going = known & (moved > LATENCY.begun) & (np.arange(len(path)) > np.argmax(moved > LATENCY.begun))
     if going.sum() < LATENCY.images or np.nanmax(moved) < LATENCY.far or np.nanmax(np.abs(turned)) > LATENCY.turned:
         return None
     row = mean_image_row(recording, images[going], camera)
-    return PushedObject(name, taken[images][going], way[going], rest.time, (rest.tip - rest.at) @ ahead, row)
+    return PushedObject(name, taken[images][going], path[going], rest.time, (rest.tip - rest.at) @ ahead, row)

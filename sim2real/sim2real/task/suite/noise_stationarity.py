@@ -25,11 +25,11 @@ def noise_variation_factor(track: KeypointTrack, stretches: Iterable[slice]) -> 
     if not pieces:
         return 1.0
     rng = np.random.default_rng(0)
-    seen = _common(pieces)
+    observed = _common(pieces)
     chance = [_common([_roll(piece, rng) for piece in pieces]) for _ in range(STATIC.draws)]
-    if seen < STATIC.unlike * max(chance):
+    if observed < STATIC.unlike * max(chance):
         return 1.0
-    return float(np.exp(np.sqrt(max(seen - float(np.mean(chance)), 0.0))))
+    return float(np.exp(np.sqrt(max(observed - float(np.mean(chance)), 0.0))))
 
 
 def _sizes(track: KeypointTrack, images: slice) -> np.ndarray | None:

@@ -61,12 +61,12 @@ def mask_occluded_keypoints(recording: TaskRecording, camera: Camera = CAMERA) -
 def _is_behind(eye: np.ndarray, places: np.ndarray, position: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """Whether the hand at position (n, 3) m, turned by (n, 3, 3), is between an eye (3,) m and places (n, 3) m."""
     begin = np.einsum("nij,ni->nj", turn, eye - position)
-    way = np.einsum("nij,ni->nj", turn, places - eye)
+    ray = np.einsum("nij,ni->nj", turn, places - eye)
     found = np.zeros(len(places), bool)
     for centre, half in PARTS:
         wide = np.asarray(half) + OCCLUSION.beside
         with np.errstate(divide="ignore", invalid="ignore"):
-            one, other = ((np.asarray(centre) + sign * wide - begin) / way for sign in (-1.0, 1.0))
+            one, other = ((np.asarray(centre) + sign * wide - begin) / ray for sign in (-1.0, 1.0))
         enters, leaves = np.minimum(one, other).max(axis=1), np.maximum(one, other).min(axis=1)
         found |= (enters < leaves) & (leaves > 0) & (enters < OCCLUSION.before)
     return found

@@ -49,8 +49,8 @@ def _oscillating_push(recording: TaskRecording, name: str, camera: Camera) -> Pu
     at = tip[down][time[down] > leaves - RESTED].mean(axis=0)
     aside = (tip[down] - at) * (1.0, 1.0, 0.0)
     ahead = np.linalg.svd(aside, full_matrices=False)[2][0]
-    way = aside @ ahead
-    goes = time[down][np.abs(way) > 0.1 * np.abs(way).max()]
+    path = aside @ ahead
+    goes = time[down][np.abs(path) > 0.1 * np.abs(path).max()]
     # Where the object is within its play is known from the first turn on.
     begin, end = float(goes[0]) + SWAYS[0] / 2, float(goes[-1])
     taken = recording.track.time + recording.seen_from
@@ -61,7 +61,7 @@ def _oscillating_push(recording: TaskRecording, name: str, camera: Camera) -> Pu
         moved - np.sin(turned) * float(lever @ [-ahead[1], ahead[0], 0.0]) + (np.cos(turned) - 1) * float(lever @ ahead)
     )
     known = np.isfinite(moved)
-    if known.sum() < LATENCY.images or np.ptp(moved[known]) < LATENCY.follows * np.ptp(way):
+    if known.sum() < LATENCY.images or np.ptp(moved[known]) < LATENCY.follows * np.ptp(path):
         return None
     few = slice(None, None, max(1, round(1 / RATE / float(np.median(np.diff(time))))))
     row = mean_image_row(recording, images[known], camera)

@@ -103,10 +103,10 @@ def track_displacement(recording: TaskRecording, images: np.ndarray, rest: Pose,
         usable = recording.track.usable[image]
         if usable.sum() < LATENCY.corners:
             continue
-        seen = recording.track.pixels[image]
+        pixels = recording.track.pixels[image]
 
-        def off(x: np.ndarray, seen=seen, usable=usable) -> np.ndarray:
-            return (project(x) - seen)[usable].ravel()
+        def off(x: np.ndarray, pixels=pixels, usable=usable) -> np.ndarray:
+            return (project(x) - pixels)[usable].ravel()
 
         x, weights = np.zeros(3), np.ones(2 * usable.sum())
         # Gauss and Newton: the picture is nearly a plane; a corner that is found wrongly counts less.

@@ -50,8 +50,8 @@ def spans_of(log: Log) -> dict[str, tuple[float, float]]:
     """(begin, end) s of each experiment of the task suite in a log; transfers between them are left out."""
     starts = [(at, state.experiment if state.phase == EXCITE else "") for at, state in log.phases]
     ends = [*(at for at, _ in starts[1:]), float(log.time[-1])]
-    ways = zip(starts, ends)
-    return {n: (begin, end) for (begin, n), end in ways if n in FAMILIES or n.rsplit("_", 1)[0] in FAMILIES}
+    intervals = zip(starts, ends)
+    return {n: (begin, end) for (begin, n), end in intervals if n in FAMILIES or n.rsplit("_", 1)[0] in FAMILIES}
 
 
 class NotATaskSuite(ContractViolation):
@@ -67,10 +67,10 @@ def read_task(path: str | Path) -> TaskRecording:
     try:
         with Recording(path, required=("joint_states", "keypoints")) as recording:
             domain = read_domain(recording.information)
-            first, seen = (recording.rows(topic)[topic][0].stamp for topic in ("joint_states", "keypoints"))
+            first, first_image = (recording.rows(topic)[topic][0].stamp for topic in ("joint_states", "keypoints"))
     except (BagError, ValueError) as error:
         raise bag_violation(path, error) from error
     spans = spans_of(log)
     if not spans:
         raise NotATaskSuite(f"bag {path}: expected experiments of the task suite ({', '.join(FAMILIES)}), got none")
-    return TaskRecording(log, track, (seen - first) / SECOND, domain, spans)
+    return TaskRecording(log, track, (first_image - first) / SECOND, domain, spans)

@@ -44,16 +44,16 @@ def check_static_scene(
     that keeps still is no motion. Raises ContractViolation where the hand is at the object all the time."""
     own = hand_trajectory(recording, camera, lift)
     free = list(_untouched_spans(recording, own))
-    ways = [way for begin, end in free if (way := _displacement(recording, begin, end))]
-    if not ways:
+    displacements = [displacement for begin, end in free if (displacement := _displacement(recording, begin, end))]
+    if not displacements:
         raise ContractViolation("the hand was at the object, or hid it, all the time")
-    moved, at, _ = max(ways)
-    noise = float(np.median([noise for _, _, noise in ways]))
+    moved, at, _ = max(displacements)
+    noise = float(np.median([noise for _, _, noise in displacements]))
     if moved > max(STATIC.moved, STATIC.surely * noise):
         reason = f"the picture moves by {moved:.1f} px at {at:.0f} s, while nothing touches the object"
         return StaticSceneCheck("unexplained", moved, at, reason)
     is_noisy = scatter is not None and bool(visible_noise_effects(scatter).keys() & NOISE)
-    step, when, usual, by_chance = _step(recording, own, is_noisy)
+    step, when, usual, by_chance = _largest_step(recording, own, is_noisy)
     if step > max(STATIC.step, STATIC.surely * usual, by_chance):
         reason = f"the picture jumps by {step:.1f} px at {when:.0f} s, faster than the hand moves the object"
         return StaticSceneCheck("unexplained", step, when, reason)
@@ -104,11 +104,11 @@ def _displacement(recording: TaskRecording, begin: float, end: float) -> tuple[f
     off = smooth - np.median(smooth, axis=0)
     together = np.median(off, axis=1)
     noise = np.sqrt(np.pi / 2 * np.mean((off - together[:, None]) ** 2) / steady.sum())  # of a median
-    way = np.linalg.norm(together, axis=1)
-    return float(way.max()), float(taken[images.start + half + way.argmax()]), float(noise)
+    distance = np.linalg.norm(together, axis=1)
+    return float(distance.max()), float(taken[images.start + half + distance.argmax()]), float(noise)
 
 
-def _step(recording: TaskRecording, own: HandTrajectory, is_noisy: bool) -> tuple[float, float, float, float]:
+def _largest_step(recording: TaskRecording, own: HandTrajectory, is_noisy: bool) -> tuple[float, float, float, float]:
     """px by which the corners together go farther from one image to the next, and stay, than in those about them, at most, where the hand is
     slow; s at which; px by which they usually do, and, where noise is named, the most that it makes of one.
 
@@ -120,21 +120,21 @@ def _step(recording: TaskRecording, own: HandTrajectory, is_noisy: bool) -> tupl
     slow = np.ones(len(taken), bool)
     for begin, end in own.quick:
         slow &= (taken < begin) | (taken > end)
-    seen = np.where(track.usable[..., None], track.pixels, np.nan)
-    before, last, now, after = seen[:-3], seen[1:-2], seen[2:-1], seen[3:]
+    pixels = np.where(track.usable[..., None], track.pixels, np.nan)
+    before, last, now, after = pixels[:-3], pixels[1:-2], pixels[2:-1], pixels[3:]
     steps = np.concatenate([now - last, now - before, after - last], axis=-1)
     known = np.isfinite(steps).all(axis=-1).sum(axis=1) >= STATIC.corners
     near = slow & np.r_[True, np.diff(taken) < THRESHOLDS.keypoint_track.gap * track.period]
     known &= slow[:-3] & near[1:-2] & near[2:-1] & near[3:]
     if known.sum() < STATIC.window:
         return 0.0, 0.0, 0.0, 0.0
-    beyond = _beyond(steps[known])
-    most = max(_beyond(one).max() for one in _shuffle(steps[known])) if is_noisy else 0.0
-    usual = 1.4826 * np.median(np.abs(beyond))
-    return float(beyond.max()), float(taken[2:-1][known][beyond.argmax()]), float(usual), STATIC.beyond * float(most)
+    excess = _excess(steps[known])
+    most = max(_excess(one).max() for one in _shuffle(steps[known])) if is_noisy else 0.0
+    usual = 1.4826 * np.median(np.abs(excess))
+    return float(excess.max()), float(taken[2:-1][known][excess.argmax()]), float(usual), STATIC.beyond * float(most)
 
 
-def _beyond(steps: np.ndarray) -> np.ndarray:
+def _excess(steps: np.ndarray) -> np.ndarray:
     """px (n,) by which corners together go farther in steps (n, c, 6), the least of three, than in the images about."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # shuffled, an image may have no corner
