@@ -123,7 +123,7 @@ class _Unknown:
         return f"? {unit}".strip()
 
 
-def _finding(one: Finding) -> dict:
+def _finding(one: TaskFinding) -> dict:
     best, *rivals = one.hypotheses
     return {
         "name": best.name,

@@ -55,7 +55,7 @@ def _comparison(comparison: HypothesisComparison | None) -> dict:
     }
 
 
-def _finding(one: Finding) -> dict:
+def _finding(one: TaskFinding) -> dict:
     sizes = {
         hypothesis.name: {name: asdict(value) for name, value in hypothesis.estimates.items()}
         for hypothesis in one.hypotheses

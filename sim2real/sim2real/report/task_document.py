@@ -78,7 +78,7 @@ def _module(result: ModuleResult, diagnosis: TaskDiagnosis, predicted: MotionPre
     }
 
 
-def _finding(finding: Finding) -> dict:
+def _finding(finding: TaskFinding) -> dict:
     hypotheses = [
         {
             "name": one.name,

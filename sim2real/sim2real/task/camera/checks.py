@@ -120,7 +120,7 @@ def held_out_gain(scene: CameraScene, found: CameraFit, prior: Prior, start: np.
             predicted = evaluate_at(held_out, numbers, found.poses[out], found.scatter)
             gain += sign * predicted.evidence
             away.append(corner_distances(held_out, predicted, start[out]))
-    return HeldOut(gain / len(scene), *(float(np.median(np.concatenate(v))) for v in (before, after)))
+    return HeldOutPrediction(gain / len(scene), *(float(np.median(np.concatenate(v))) for v in (before, after)))
 
 
 def corner_distances(scene: CameraScene, found: CameraFit, start: np.ndarray) -> np.ndarray:
