@@ -12,8 +12,8 @@ from sim2real.arm.nominal_prediction import make_drive
 from sim2real.diagnosis import explain_gap
 from sim2real.effects.registry import make_regressors
 from sim2real.effects.stage import Stage
-from sim2real.effects.timing.packet_loss import _share
-from sim2real.effects.transmission.backlash import LEAST_REACH, _reach
+from sim2real.effects.timing.packet_loss import _estimate_share
+from sim2real.effects.transmission.backlash import LEAST_REACH, _twist_range
 from sim2real.excitation.suite import make_suite
 from sim2real.inference import nuisances
 from sim2real.inference.context import make_context
@@ -196,7 +196,7 @@ def test_a_twist_that_follows_the_angle_is_no_play(log):
     motor[:, 4] += 2e-3 * np.sin(log.position[:, 4] + 1.0)
     context = make_context([replace(log, motor=motor)], ARM)
     plays = [e for e in make_regressors(context) if e.id == "backlash" and e.only_joint == 4]
-    assert not plays and _reach(context, 4)[1] > LEAST_REACH
+    assert not plays and _twist_range(context, 4)[1] > LEAST_REACH
 
 
 def test_friction_that_is_some_per_cent_off_is_no_fault_and_what_is_more_is_one():
@@ -234,6 +234,6 @@ def test_a_share_of_lost_packets_is_counted_by_probability_where_lost_and_late_o
     rng, apart = np.random.default_rng(0), 4.0  # standard deviations
     lost = rng.random(20000) < share
     shown = apart * lost + rng.normal(size=20000)
-    found = _share(apart * (shown - apart / 2))
+    found = _estimate_share(apart * (shown - apart / 2))
     assert found == pytest.approx(lost.mean(), rel=0.12)
     assert abs(found - lost.mean()) < abs((shown > apart / 2).mean() - lost.mean()) + 1e-3

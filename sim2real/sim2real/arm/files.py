@@ -30,16 +30,16 @@ def load_arm(path: str | Path, joints: Sequence[str] | None = None, tip: str | N
     does not carry.
     """
     path = Path(path)
-    model, speeds = _read(path)
+    model, speeds = _read_model(path)
     kinds = {model.joint(j).name: KINDS[int(model.jnt_type[j])] for j in range(model.njnt)}
     names = list(joints) if joints else [name for name, kind in kinds.items() if kind == "hinge"]
     if not names:
-        raise ValueError(f"{path}: expected hinges, got {_listed(kinds)}")
+        raise ValueError(f"{path}: expected hinges, got {_describe_joints(kinds)}")
     for name in names:
         if kinds.get(name) != "hinge":
             what = f"a {kinds[name]}" if name in kinds else "no joint of it"
             raise ValueError(
-                f"{path}: expected hinges as joints of the arm, got {name!r}, {what}; it has {_listed(kinds)}"
+                f"{path}: expected hinges as joints of the arm, got {name!r}, {what}; it has {_describe_joints(kinds)}"
             )
     try:
         arm = arm_from_model(model, names)
@@ -59,10 +59,10 @@ def load_arm(path: str | Path, joints: Sequence[str] | None = None, tip: str | N
     rest = np.clip(posture[[model.joint(name).qposadr[0] for name in names]], arm.position_lower, arm.position_upper)
     limits = np.array([speeds.get(name, limit) for name, limit in zip(names, arm.velocity_limit)])
     arm = replace(arm, name=path.stem, velocity_limit=limits, rest=rest)
-    return arm if tip is None else replace(arm, tip=_tool_point(path, model, arm, tip))
+    return arm if tip is None else replace(arm, tip=_locate_tip(path, model, arm, tip))
 
 
-def _read(path: Path) -> tuple[mujoco.MjModel, dict[str, float]]:
+def _read_model(path: Path) -> tuple[mujoco.MjModel, dict[str, float]]:
     """The model, and the speed limits rad/s that a URDF states, by joint."""
     try:
         root = ElementTree.parse(path).getroot()
@@ -87,7 +87,7 @@ def _read(path: Path) -> tuple[mujoco.MjModel, dict[str, float]]:
     return model, {name: speed for name, speed in speeds.items() if speed > 0}
 
 
-def _tool_point(path: Path, model: mujoco.MjModel, arm: Arm, tip: str) -> np.ndarray:
+def _locate_tip(path: Path, model: mujoco.MjModel, arm: Arm, tip: str) -> np.ndarray:
     """Place (3,) m in the last link of a site or body."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -102,5 +102,5 @@ def _tool_point(path: Path, model: mujoco.MjModel, arm: Arm, tip: str) -> np.nda
     return data.xmat[last].reshape(3, 3).T @ (place - data.xanchor[model.joint(arm.joints[-1]).id])
 
 
-def _listed(kinds: dict[str, str]) -> str:
+def _describe_joints(kinds: dict[str, str]) -> str:
     return ", ".join(f"{name} ({kind})" for name, kind in kinds.items()) or "no joints"

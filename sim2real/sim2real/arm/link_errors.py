@@ -34,8 +34,8 @@ SPEED, RATE = (
 def link_error_torques(arm: Arm, samples: Samples) -> tuple[np.ndarray, ...]:
     """Torques (n, c) Nm of each joint that one standard deviation of each component of all links' errors gives the
     samples' motion, in the order of `principal_components`."""
-    tables = _tables(arm, samples.position, samples.velocity, samples.acceleration)
-    return tuple(_columns(arm, tables, joint) @ found for joint, found in enumerate(principal_components(arm)))
+    tables = _error_torques(arm, samples.position, samples.velocity, samples.acceleration)
+    return tuple(_joint_columns(arm, tables, joint) @ found for joint, found in enumerate(principal_components(arm)))
 
 
 @lru_cache(maxsize=8)
@@ -46,40 +46,40 @@ def principal_components(arm: Arm) -> tuple[np.ndarray, ...]:
     lower = np.maximum(arm.position_lower, arm.rest - ABOUT)
     upper = np.minimum(arm.position_upper, arm.rest + ABOUT)
     speed, rate = SPEED * arm.velocity_limit, RATE * arm.velocity_limit
-    tables = _tables(
+    tables = _error_torques(
         arm, *(rng.uniform(*ends, (STATES, len(arm))) for ends in ((lower, upper), (-speed, speed), (-rate, rate)))
     )
     found = []
     for joint in range(len(arm)):
-        columns = _columns(arm, tables, joint)
+        columns = _joint_columns(arm, tables, joint)
         power, directions = np.linalg.eigh(columns.T @ columns / STATES)
         least = (NUISANCES.link_torque * arm.torque_limit[joint]) ** 2
         found.append(directions[:, ::-1][:, power[::-1] > least])
     return tuple(found)
 
 
-def _tables(arm: Arm, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> list[np.ndarray]:
+def _error_torques(arm: Arm, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> list[np.ndarray]:
     """Of each link, torques (n, k, 5) Nm in a motion, without weight, by one standard deviation of each of its errors."""
     motion = rigid.forward_recursion(arm, q, dq, ddq, np.zeros(3))
-    return [rigid.regressor(arm, motion, link) @ change for link, change in enumerate(_changes(arm))]
+    return [rigid.regressor(arm, motion, link) @ change for link, change in enumerate(_standard_errors(arm))]
 
 
-def _columns(arm: Arm, tables: list[np.ndarray], joint: int) -> np.ndarray:
+def _joint_columns(arm: Arm, tables: list[np.ndarray], joint: int) -> np.ndarray:
     return np.hstack([tables[link][:, joint] for link in rigid.links_moved_by(arm, joint)])
 
 
-def _changes(arm: Arm) -> list[np.ndarray]:
+def _standard_errors(arm: Arm) -> list[np.ndarray]:
     """For each link, changes (10, 5) of its `rigid.PARAMETERS` by one standard deviation: of its mass, with all that is
     proportional to it; of the place of its centre along x, y, z; of its inertia about that centre."""
     found = []
     for link, own in enumerate(rigid.central_inertia(arm)):
         mass, moment = arm.mass[link], arm.moment[link]
-        whole = np.concatenate([[mass], moment, _six(arm.inertia[link])])
-        turned = np.concatenate([np.zeros(4), _six(own)])
+        whole = np.concatenate([[mass], moment, _vectorise(arm.inertia[link])])
+        turned = np.concatenate([np.zeros(4), _vectorise(own)])
         moved = PLACE_ERROR * np.linalg.norm(moment) * rigid.mass_centre_change(arm, link)
         found.append(np.column_stack([MASS_ERROR * whole, moved, INERTIA_ERROR * turned]))
     return found
 
 
-def _six(matrix: np.ndarray) -> np.ndarray:
+def _vectorise(matrix: np.ndarray) -> np.ndarray:
     return np.array([matrix[pair] for pair in rigid.PAIRS])

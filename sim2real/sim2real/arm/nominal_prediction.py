@@ -29,7 +29,7 @@ ENDLESS = 1e6  # Nm
 
 def is_sliding(samples: Samples, joint: int) -> np.ndarray:
     """Rows (n,) of the samples whose whole filter window saw the joint slide in one direction."""
-    slowest, fastest = (samples.filtered_extreme(joint, extreme) for extreme in (np.min, np.max))
+    slowest, fastest = (samples.filter_extreme(joint, extreme) for extreme in (np.min, np.max))
     return (slowest > ROWS.standstill) | (fastest < -ROWS.standstill)
 
 
@@ -39,7 +39,7 @@ def predict_torques(samples: Samples, arm: Arm) -> Prediction:
     gravity = rigid.gravity_torque(arm, q)
     inertial = rigid.inverse_dynamics(arm, q, dq, ddq) - gravity
     rotors = ddq * arm.armature
-    direction = np.column_stack([samples.filtered(j, lambda q, v: smooth_sign(v)) for j in range(len(arm))])
+    direction = np.column_stack([samples.filter_function(j, lambda q, v: smooth_sign(v)) for j in range(len(arm))])
     friction = direction * arm.frictionloss + dq * arm.damping
     total = inertial + rotors + friction + (gravity if samples.with_gravity else 0.0)
     motion = rigid.forward_recursion(arm, q, dq, ddq)
@@ -81,8 +81,8 @@ def make_drive(logs: list[Log], arm: Arm, reference: int = 0) -> Drive | None:
             np.abs(log.time[rows + 1] - log.time[rows] - period) < RECORDINGS.answer * period
         ]
         rows = c.rows[kept]
-        law, error = _replay(log, arm, kept) if c.has_law else (c.torque[kept], np.zeros_like(c.torque[kept]))
-        guarded = _guarded(log, arm, kept, period)
+        law, error = _replay_law(log, arm, kept) if c.has_law else (c.torque[kept], np.zeros_like(c.torque[kept]))
+        guarded = _find_clipped(log, arm, kept, period)
         begins = np.flatnonzero(np.diff(log.time[rows], prepend=-1.0) > RECORDINGS.command_gap * period)
         starts.append(count + np.union1d(begins, [0]))
         count += len(rows)
@@ -109,12 +109,12 @@ def make_drive(logs: list[Log], arm: Arm, reference: int = 0) -> Drive | None:
     is_replayed = all(log.commands.has_law for log in logs if log.commands is not None)
     found = Drive(time, trajectory, period, np.concatenate(starts), *rest, 0.0, rest[1], is_replayed)
     before = trajectory < reference
-    late = _late(found, before if before.any() else np.ones(len(time), bool))
+    late = _estimate_delay(found, before if before.any() else np.ones(len(time), bool))
     arrived = np.column_stack([delay_commands(found, column, late) for column in found.commanded.T])
     return replace(found, late=late, arrived=arrived)
 
 
-def _late(d: Drive, rows: np.ndarray) -> float:
+def _estimate_delay(d: Drive, rows: np.ndarray) -> float:
     """What the loop is late by, s, up to what any is: by how much of its last step the measured torque lags behind each
     command, the median over the joints. Looked at are rows (n,) bool; periods that show nothing but the command before (a lost
     packet) are left out."""
@@ -132,7 +132,7 @@ def _late(d: Drive, rows: np.ndarray) -> float:
     return share * d.period
 
 
-def _guarded(log: Log, arm: Arm, kept: np.ndarray, period: float) -> np.ndarray:
+def _find_clipped(log: Log, arm: Arm, kept: np.ndarray, period: float) -> np.ndarray:
     """Commands (m, k) bool that lie where the controller's own guards allow no more: what the law wanted is not in them.
 
     Judged by the recorded command, not by the law replayed, which may have other gains than the controller. Guards of
@@ -147,7 +147,7 @@ def _guarded(log: Log, arm: Arm, kept: np.ndarray, period: float) -> np.ndarray:
     return (c.torque[kept] <= least + ROWS.guard) | (c.torque[kept] >= most - ROWS.guard)
 
 
-def _replay(log: Log, arm: Arm, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _replay_law(log: Log, arm: Arm, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(torque (m, k) Nm of the controller's law, its position error (m, k) rad) for these commands."""
     c = log.commands
     rows = c.rows[kept]

@@ -44,23 +44,23 @@ def forward_recursion(arm: Arm, q, dq=None, ddq=None, gravity=None) -> LinkMotio
     rotation = np.empty((k, 3, 3, n))
     upward = np.tile(-np.asarray(arm.gravity if gravity is None else gravity, float)[:, None], (1, n))
     for i in range(k):
-        p, turn, hinge = arm.parent[i], _turn(arm, i, q[:, i]), arm.axis[i][:, None]
+        p, turn, hinge = arm.parent[i], _joint_rotation(arm, i, q[:, i]), arm.axis[i][:, None]
         if p < 0:
-            linear[i] = _back(turn, upward)
+            linear[i] = _rotate_back(turn, upward)
             origin[i], rotation[i] = arm.offset[i][:, None], turn
         else:
             w, a, arms = rate[p], turning[p], arm.offset[i]
-            rate[i], turning[i] = _back(turn, w), _back(turn, a)
-            linear[i] = _back(turn, linear[p] + _cross(a, arms) + _cross(w, _cross(w, arms)))
-            origin[i] = origin[p] + _apply(rotation[p], arms)
-            rotation[i] = _product(rotation[p], turn)
+            rate[i], turning[i] = _rotate_back(turn, w), _rotate_back(turn, a)
+            linear[i] = _rotate_back(turn, linear[p] + _cross(a, arms) + _cross(w, _cross(w, arms)))
+            origin[i] = origin[p] + _rotate(rotation[p], arms)
+            rotation[i] = _compose(rotation[p], turn)
         if dq is not None:
             spin = hinge * dq[:, i]
             turning[i] += _cross(rate[i], spin)
             rate[i] += spin
         if ddq is not None:
             turning[i] += hinge * ddq[:, i]
-        axis[i] = _apply(rotation[i], arm.axis[i])
+        axis[i] = _rotate(rotation[i], arm.axis[i])
     return LinkMotion(rate, turning, linear, origin, rotation, axis)
 
 
@@ -77,8 +77,8 @@ def inverse_dynamics(arm: Arm, q, dq=None, ddq=None, gravity=None) -> np.ndarray
         w, a, b, h = motion.rate[i], motion.turning[i], motion.linear[i], arm.moment[i]
         f = arm.mass[i] * b + _cross(a, h) + _cross(w, _cross(w, h))
         m = arm.inertia[i] @ a + _cross(w, arm.inertia[i] @ w) - _cross(b, h)
-        force[i] = _apply(motion.rotation[i], f)
-        couple[i] = _apply(motion.rotation[i], m) + _cross(motion.origin[i], force[i])
+        force[i] = _rotate(motion.rotation[i], f)
+        couple[i] = _rotate(motion.rotation[i], m) + _cross(motion.origin[i], force[i])
     for i in range(k - 1, -1, -1):
         if arm.parent[i] >= 0:
             force[arm.parent[i]] += force[i]
@@ -127,7 +127,7 @@ def gravity_slope(arm: Arm, q) -> np.ndarray:
     n, k = q.shape
     mass, moment = arm.mass.copy(), np.zeros((k, 3, n))  # of all that a joint carries, in the world
     for i in range(k):
-        moment[i] = _apply(motion.rotation[i], arm.moment[i])
+        moment[i] = _rotate(motion.rotation[i], arm.moment[i])
     for i in range(k - 1, -1, -1):
         p = arm.parent[i]
         if p >= 0:
@@ -159,8 +159,8 @@ def regressor(arm: Arm, motion: LinkMotion, link: int) -> np.ndarray:
     columns = np.zeros((n, k, PARAMETERS))
     joint = link
     while joint >= 0:
-        axis = _back(motion.rotation[link], motion.axis[joint])
-        lever = _back(motion.rotation[link], motion.origin[link] - motion.origin[joint])
+        axis = _rotate_back(motion.rotation[link], motion.axis[joint])
+        lever = _rotate_back(motion.rotation[link], motion.origin[link] - motion.origin[joint])
         columns[:, joint] = ((couples * axis).sum(axis=1) + (forces * _cross(axis, lever)).sum(axis=1)).T
         joint = arm.parent[joint]
     return columns
@@ -191,7 +191,7 @@ def central_inertia(arm: Arm) -> np.ndarray:
     return arm.inertia - np.array(shifts)
 
 
-def _turn(arm: Arm, joint: int, angle: np.ndarray) -> np.ndarray:
+def _joint_rotation(arm: Arm, joint: int, angle: np.ndarray) -> np.ndarray:
     """Rotation (3, 3, n) of a link in its parent, Rodrigues' formula."""
     x, y, z = arm.axis[joint]
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -200,19 +200,19 @@ def _turn(arm: Arm, joint: int, angle: np.ndarray) -> np.ndarray:
     return fixed[..., None] + first[..., None] * np.sin(delta) + second[..., None] * (1 - np.cos(delta))
 
 
-def _apply(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
+def _rotate(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """(3, n) of rotations (3, 3, n) and vectors (3, n) or one (3,)."""
     return rotation[:, 0] * vector[0] + rotation[:, 1] * vector[1] + rotation[:, 2] * vector[2]
 
 
-def _back(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
+def _rotate_back(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """The same of the inverse rotations."""
     return rotation[0] * vector[0] + rotation[1] * vector[1] + rotation[2] * vector[2]
 
 
-def _product(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def _compose(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """(3, 3, n) of (3, 3, n) each."""
-    return np.stack([_apply(one, other[:, c]) for c in range(3)], axis=1)
+    return np.stack([_rotate(one, other[:, c]) for c in range(3)], axis=1)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

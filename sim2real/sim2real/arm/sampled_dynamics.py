@@ -23,7 +23,7 @@ class SampledDynamics:
             self._regressors[link] = rigid.regressor(self._arm, self._prediction.motion, link)
         return self._regressors[link]
 
-    def moved_centre(self, link: int) -> np.ndarray:
+    def mass_centre_change(self, link: int) -> np.ndarray:
         """Change (n, k, 3) of the torques with a link's m c along x, y, z; its inertia about its centre stays."""
         return self.regressor(link) @ rigid.mass_centre_change(self._arm, link)
 
@@ -31,10 +31,10 @@ class SampledDynamics:
         """Torque (n, k) Nm that holds the arm under another gravity (3,) m/s^2."""
         return rigid.gravity_torque(self._arm, self._samples.position, gravity)
 
-    def own_sizes(self) -> np.ndarray:
+    def link_inertia_traces(self) -> np.ndarray:
         """Inertia (k,) kg m^2 of each link about its own centre, as a number."""
         return rigid.link_inertia_traces(self._arm)
 
-    def carried(self, joint: int) -> list[int]:
+    def links_moved_by(self, joint: int) -> list[int]:
         """Links that a joint turns."""
         return rigid.links_moved_by(self._arm, joint)

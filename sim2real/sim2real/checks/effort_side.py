@@ -31,7 +31,7 @@ def is_after_gear(logs: Sequence[Log], arm: Arm, commanded: bool = False) -> boo
     rigid_part = rigid.inverse_dynamics(arm, samples.position, samples.velocity, samples.acceleration, gravity)
     for j in range(len(arm)):
         friction = (
-            samples.filtered(j, lambda q, v: smooth_sign(v)) * arm.frictionloss[j]
+            samples.filter_function(j, lambda q, v: smooth_sign(v)) * arm.frictionloss[j]
             + samples.velocity[:, j] * arm.damping[j]
         )
         slides = np.abs(samples.velocity[:, j]) > THRESHOLDS.rows.standstill

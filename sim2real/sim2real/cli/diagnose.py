@@ -103,7 +103,7 @@ def verify_patch(options: argparse.Namespace) -> int:
     return 0
 
 
-def _arm(options: argparse.Namespace) -> Arm:
+def _load_nominal_arm(options: argparse.Namespace) -> Arm:
     """The nominal arm that the options name. Raises ValueError for a model that is none."""
     from sim2real.arm.model import panda
 
@@ -133,7 +133,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     began = time.monotonic()
     try:
-        arm = _arm(options)
+        arm = _load_nominal_arm(options)
         logs, before = (_load_all(paths, arm) for paths in (options.logs, options.reference))
         total, part = sum(log.duration for log in logs), "parts of " if options.quick else ""
         other = f"{sum(log.duration for log in before):.0f} s of the arm as it was" if before else "the nominal arm"

@@ -52,14 +52,16 @@ class ArmEffects:
             library = NUMPY if ARM_EFFECTS[effect].numpy_only else arrays
             return HookContext(by_joint, lead, period, seed, np.zeros(lead) + begin, library)
 
-        on_drive = sorted((r for r in present if r.drive), key=lambda r: r.drive.slot)
-        on_sensors = sorted((r for r in present if r.sensors), key=lambda r: r.sensors.slot)
-        own = partial(_of_own_library, arrays)
-        self._drive = [(own(r, r.drive.make(values(r.id))), _share_of_weight(r, values(r.id))) for r in on_drive]
+        drives = sorted((r for r in present if r.drive), key=lambda r: r.drive.slot)
+        sensors = sorted((r for r in present if r.sensors), key=lambda r: r.sensors.slot)
+        own = partial(_convert_arrays, arrays)
+        self._drive = [(own(r, r.drive.make(values(r.id))), _gravity_share(r, values(r.id))) for r in drives]
         self._hold = arrays.hold(NOMINAL) if any(share is not None for _, share in self._drive) else None
         self._resist = [own(r, r.joints(values(r.id))) for r in present if r.joints]
-        self._sense = [own(r, r.sensors.make(values(r.id))) for r in on_sensors]
-        self._left_over = _left_over(patches[0], arrays) if isinstance(patch, Patch) else _row_by_row(patch, arrays)
+        self._sense = [own(r, r.sensors.make(values(r.id))) for r in sensors]
+        self._gravity_error = (
+            _make_gravity_error(patches[0], arrays) if isinstance(patch, Patch) else _make_gravity_errors(patch, arrays)
+        )
 
     def drive(self, torque: np.ndarray, q: np.ndarray) -> np.ndarray:
         """What the drives give, Nm, gravity apart, on average over the period in which `torque` Nm is commanded at q rad."""
@@ -75,7 +77,7 @@ class ArmEffects:
         for resist in self._resist:
             torque = torque - resist(q, dq)
         self.friction = -torque
-        return torque if self._left_over is None else torque + self._left_over(q)
+        return torque if self._gravity_error is None else torque + self._gravity_error(q)
 
     def sense(self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What the sensors say of joint angle, speed and torque."""
@@ -84,13 +86,13 @@ class ArmEffects:
         return q, dq, torque
 
 
-def _share_of_weight(effect: Effect, values: HookContext) -> np.ndarray | None:
+def _gravity_share(effect: Effect, values: HookContext) -> np.ndarray | None:
     """Of the compensated gravity in what a stage of the drive acts on, by joint: 1 or 0; None where it has nothing to do
     with it."""
     return 1.0 - values("gravity_apart").clip(None, 1.0) if effect.drive.of_total else None
 
 
-def _of_own_library(arrays: Arrays, effect: Effect, hook: Callable) -> Callable:
+def _convert_arrays(arrays: Arrays, effect: Effect, hook: Callable) -> Callable:
     """The hook, which gets arrays of the library that it was written for."""
     if arrays is NUMPY or not effect.numpy_only:
         return hook
@@ -102,11 +104,11 @@ def _of_own_library(arrays: Arrays, effect: Effect, hook: Callable) -> Callable:
     return through_numpy
 
 
-LeftOver = Callable[[np.ndarray], np.ndarray]
+GravityErrorFunction = Callable[[np.ndarray], np.ndarray]
 """What gravity leaves on the joints, Nm, at angles (..., 7) rad: compensation minus weight."""
 
 
-def _left_over(patch: Patch, arrays: Arrays) -> LeftOver | None:
+def _make_gravity_error(patch: Patch, arrays: Arrays) -> GravityErrorFunction | None:
     """Of this arm; None where no effect touches it."""
     weight = GravityModel()
     changes = [
@@ -122,20 +124,20 @@ def _left_over(patch: Patch, arrays: Arrays) -> LeftOver | None:
     return lambda q: weight.share * nominal(q + bias) - real(q)
 
 
-def _row_by_row(patches: Sequence[Patch], arrays: Arrays) -> LeftOver | None:
+def _make_gravity_errors(patches: Sequence[Patch], arrays: Arrays) -> GravityErrorFunction | None:
     """Of arms side by side (S, 7). Those of one patch (windows of a recording are hundreds) have one arm's model among them."""
     rows: dict[int, list[int]] = {}
     for row, patch in enumerate(patches):
         rows.setdefault(id(patch), []).append(row)
-    found = [(own, _left_over(patches[own[0]].arm, arrays)) for own in rows.values()]
+    found = [(own, _make_gravity_error(patches[own[0]].arm, arrays)) for own in rows.values()]
     parts = [(own, part) for own, part in found if part is not None]
     if not parts:
         return None
 
-    def left_over(q: np.ndarray) -> np.ndarray:
+    def gravity_error(q: np.ndarray) -> np.ndarray:
         torque = np.zeros((len(patches), 7))
         for own, part in parts:
             torque[own] = part(q[own])
         return torque
 
-    return left_over
+    return gravity_error

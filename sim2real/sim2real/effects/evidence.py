@@ -50,7 +50,7 @@ class RecordedSamples(Protocol):
 
     def __len__(self) -> int: ...
 
-    def filtered(self, joint: int, function: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+    def filter_function(self, joint: int, function: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
         """function(position (m,), velocity (m,)) of a joint on the fine grid, through the filter: (n,)."""
 
     def filter(self, parts: list[np.ndarray]) -> np.ndarray:
@@ -88,16 +88,16 @@ class RigidBody(Protocol):
     def regressor(self, link: int) -> np.ndarray:
         """Change (n, k, 10) of the torques with mass, moments (3) and inertia (6) of one link."""
 
-    def moved_centre(self, link: int) -> np.ndarray:
+    def mass_centre_change(self, link: int) -> np.ndarray:
         """Change (n, k, 3) of the torques with a link's m c along x, y, z; its inertia about its centre stays."""
 
     def gravity_torque(self, gravity: np.ndarray) -> np.ndarray:
         """Torque (n, k) Nm that holds the arm under another gravity (3,) m/s^2."""
 
-    def own_sizes(self) -> np.ndarray:
+    def link_inertia_traces(self) -> np.ndarray:
         """Inertia (k,) kg m^2 of each link about its own centre, as a number."""
 
-    def carried(self, joint: int) -> list[int]:
+    def links_moved_by(self, joint: int) -> list[int]:
         """Links that a joint turns."""
 
 

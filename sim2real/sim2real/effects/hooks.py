@@ -88,10 +88,10 @@ class DelayLine:
     def __call__(self, value: np.ndarray) -> np.ndarray:
         """What is there after the delay while `value` comes in."""
         self._past.append(value)
-        return _before(self._past, namespace(value).broadcast_to(self._periods, value.shape))
+        return _interpolate_past(self._past, namespace(value).broadcast_to(self._periods, value.shape))
 
 
-def _before(past: Sequence[np.ndarray], periods: np.ndarray) -> np.ndarray:
+def _interpolate_past(past: Sequence[np.ndarray], periods: np.ndarray) -> np.ndarray:
     xp = namespace(periods)
     take = xp.take_along_axis if xp is np else xp.take_along_dim
     rows, last, whole = xp.stack(list(past)), len(past) - 1, xp.floor(periods)

@@ -46,7 +46,7 @@ class DriveLimit:
         found, later = [], context.is_later(context.drive.trajectory)
         drive = context.drive.only(later)
         for j in range(len(context.arm)):
-            tried = self._tried(context, j, later)
+            tried = self._candidate_levels(context, j, later)
             apart = excludes_gravity(drive, j, self.limit_torque, tried)
             found += [self.regressor(level, j, apart) for level in tried[apart]]
         return found
@@ -58,19 +58,19 @@ class DriveLimit:
         found, earlier = [], ~context.is_later(context.drive.trajectory)
         drive = context.drive.only(earlier)
         for j in range(len(context.arm)):
-            shown = find_reference_limit(drive, j, self.limit_torque, self._tried(context, j, earlier))
+            shown = find_reference_limit(drive, j, self.limit_torque, self._candidate_levels(context, j, earlier))
             found += [self.regressor(shown[0], j, shown[1])] if shown else []
         return found
 
-    def _tried(self, context: Context, joint: int, rows: np.ndarray) -> dict[bool, list[float]]:
+    def _candidate_levels(self, context: Context, joint: int, rows: np.ndarray) -> dict[bool, list[float]]:
         return {apart: self.levels(context, joint, apart, rows) for apart in (False, True)}
 
 
-def limit_column(d: Drive, joint: int, limited: LimitFunction, limit: float, apart: bool) -> np.ndarray:
+def limit_column(d: Drive, joint: int, limit_torque: LimitFunction, limit: float, apart: bool) -> np.ndarray:
     """Change (n,) Nm of a joint's torque by a limit."""
     held = 0.0 if apart else d.gravity[:, joint]
     whole = d.arrived[:, joint] + held
-    return limited(d, whole, limit, d.measured[:, joint] + held) - whole
+    return limit_torque(d, whole, limit, d.measured[:, joint] + held) - whole
 
 
 def candidate_levels(asked: np.ndarray, given: np.ndarray) -> list[float]:
@@ -80,33 +80,33 @@ def candidate_levels(asked: np.ndarray, given: np.ndarray) -> list[float]:
     return [*(level * float(np.abs(asked).max()) for level in LEVELS), *(share * often for share in REACHED)]
 
 
-def excludes_gravity(d: Drive, joint: int, limited: LimitFunction, levels: dict[bool, Sequence[float]]) -> bool:
+def excludes_gravity(d: Drive, joint: int, limit_torque: LimitFunction, levels: dict[bool, Sequence[float]]) -> bool:
     """Whether gravity apart is the reading under which the best limit leaves less of what was measured.
 
     levels: where to begin, by reading. Between two of them the limit is looked for: how near one happens to be says nothing.
     """
-    left = _left(d, joint, limited)
-    best = _of_levels(left, levels)
+    left = _make_squares_left(d, joint, limit_torque)
+    best = _best_levels(left, levels)
     if min(best.values())[0] > (1 - ACTS) * left(np.inf, False):
         return False  # nothing is limited
-    best = {apart: _nearest(left, found, apart, STEPS) for apart, found in best.items()}
+    best = {apart: _refine_limit(left, found, apart, STEPS) for apart, found in best.items()}
     return best[True] < best[False]
 
 
 def find_reference_limit(
-    d: Drive, joint: int, limited: LimitFunction, levels: dict[bool, Sequence[float]]
+    d: Drive, joint: int, limit_torque: LimitFunction, levels: dict[bool, Sequence[float]]
 ) -> tuple[float, bool] | None:
     """The limit that a joint's drive had, and whether it is of the command without gravity; None where nothing was limited.
 
     Whether it was there is asked of the rows in which the limit would act, which may be few: in those it must leave
     less than half of the squares that there are. levels: where to begin, by reading.
     """
-    left = _left(d, joint, limited)
-    best = _of_levels(left, levels)
+    left = _make_squares_left(d, joint, limit_torque)
+    best = _best_levels(left, levels)
     if min(best.values())[0] >= left(np.inf, False):
         return None  # a limit above the one that is there would say a part of it
-    (_, limit), apart = min((_nearest(left, found, apart, FINE), apart) for apart, found in best.items())
-    column = limit_column(d, joint, limited, limit, apart)
+    (_, limit), apart = min((_refine_limit(left, found, apart, FINE), apart) for apart, found in best.items())
+    column = limit_column(d, joint, limit_torque, limit, apart)
     acts = column != 0
     residual = (d.measured - d.arrived)[acts, joint]
     is_there = np.square(residual - column[acts]).sum() < ALWAYS * np.square(residual).sum()
@@ -117,22 +117,24 @@ SquaresLeft = Callable[[float, bool], float]
 """Squares Nm^2 of what was measured that a limit leaves, in one of the readings."""
 
 
-def _left(d: Drive, joint: int, limited: LimitFunction) -> SquaresLeft:
+def _make_squares_left(d: Drive, joint: int, limit_torque: LimitFunction) -> SquaresLeft:
     residual = d.measured[:, joint] - d.arrived[:, joint]
 
     def left(limit: float, apart: bool) -> float:
-        change = 0.0 if np.isinf(limit) else limit_column(d, joint, limited, limit, apart)
+        change = 0.0 if np.isinf(limit) else limit_column(d, joint, limit_torque, limit, apart)
         return float(np.square(residual - change).sum())
 
     return left
 
 
-def _of_levels(left: SquaresLeft, levels: dict[bool, Sequence[float]]) -> dict[bool, tuple[float, float]]:
+def _best_levels(left: SquaresLeft, levels: dict[bool, Sequence[float]]) -> dict[bool, tuple[float, float]]:
     """(squares, limit) of the best of some limits, by reading."""
     return {apart: min((left(level, apart), level) for level in levels[apart]) for apart in (False, True)}
 
 
-def _nearest(left: SquaresLeft, found: tuple[float, float], apart: bool, steps: Sequence[float]) -> tuple[float, float]:
+def _refine_limit(
+    left: SquaresLeft, found: tuple[float, float], apart: bool, steps: Sequence[float]
+) -> tuple[float, float]:
     """(squares, limit) of the best limit about one that was found, looked for in smaller and smaller steps."""
     for step in steps:
         found = min([found, *((left(found[1] * x, apart), found[1] * x) for x in (1 - step, 1 + step))])

@@ -136,10 +136,12 @@ def load_patch(path: str | Path) -> Patch:
         raise ValueError(
             f"effects {path}: expected a patch of the {PANDA}, which is simulated here, got one of {raw['arm']!r}"
         )
-    return Patch(tuple(_read(entry, f"effects {path}, entry {number}") for number, entry in enumerate(raw["effects"])))
+    return Patch(
+        tuple(_read_effect(entry, f"effects {path}, entry {number}") for number, entry in enumerate(raw["effects"]))
+    )
 
 
-def _read(entry: object, place: str) -> PatchEffect:
+def _read_effect(entry: object, place: str) -> PatchEffect:
     if not isinstance(entry, Mapping) or not {"effect", "component", "parameters"} <= set(entry):
         raise ValueError(f"{place}: expected effect, component and parameters, got {entry!r:.80}")
     effect = EFFECTS.get(entry["effect"])

@@ -30,7 +30,7 @@ def find_arm_effects(folders: str = "") -> Mapping[str, Effect]:
     Raises ImportError for a file that holds no effect, or another one than its name and place say.
     """
     found = {}
-    for place, module, effect in (*_own(MODULES), *_of_users(folders)):
+    for place, module, effect in (*_load_own_effects(MODULES), *_load_user_effects(folders)):
         row = effect.catalogue_row or catalogue().get(effect.id)
         if (
             row is None
@@ -50,10 +50,10 @@ def find_arm_effects(folders: str = "") -> Mapping[str, Effect]:
     return MappingProxyType(found)
 
 
-def _find(targets: tuple[str, ...]) -> Mapping[str, Effect]:
+def _find_effects(targets: tuple[str, ...]) -> Mapping[str, Effect]:
     """The project's own effects of these targets, whose modules have the targets' names. Raises ImportError as above."""
     found = {}
-    for place, module, effect in _own(targets):
+    for place, module, effect in _load_own_effects(targets):
         row = catalogue().get(effect.id)
         if row is None or row["module"] != module or effect.target != module or effect.id != Path(place).stem:
             raise ImportError(
@@ -63,7 +63,7 @@ def _find(targets: tuple[str, ...]) -> Mapping[str, Effect]:
     return MappingProxyType(found)
 
 
-def _own(modules: tuple[str, ...]) -> Iterator[tuple[str, str, Effect]]:
+def _load_own_effects(modules: tuple[str, ...]) -> Iterator[tuple[str, str, Effect]]:
     for module in modules:
         for file in sorted(entry.name for entry in (files("sim2real.effects") / module).iterdir()):
             if file.endswith(".py") and not file.startswith("_"):
@@ -71,7 +71,7 @@ def _own(modules: tuple[str, ...]) -> Iterator[tuple[str, str, Effect]]:
                 yield f"sim2real.effects/{module}/{file}", module, import_module(name).EFFECT
 
 
-def _of_users(folders: str) -> Iterator[tuple[str, str, Effect]]:
+def _load_user_effects(folders: str) -> Iterator[tuple[str, str, Effect]]:
     for folder in filter(None, folders.split(":")):
         if not Path(folder).is_dir():
             raise ImportError(f"{FOLDERS}: expected folders with a file an effect, got {folder!r}, which is none")
@@ -88,10 +88,10 @@ def _of_users(folders: str) -> Iterator[tuple[str, str, Effect]]:
 ARM_EFFECTS = find_arm_effects(os.environ.get(FOLDERS, ""))
 """Effects of the arm that the simulators or the diagnosis know, by id."""
 
-CAMERA_EFFECTS = _find(tuple(map(str, CAMERA_TARGETS)))
+CAMERA_EFFECTS = _find_effects(tuple(map(str, CAMERA_TARGETS)))
 """Effects of camera and keypoints that a simulated camera carries, by id."""
 
-SCENE_EFFECTS = _find(tuple(map(str, SCENE_TARGETS)))
+SCENE_EFFECTS = _find_effects(tuple(map(str, SCENE_TARGETS)))
 """Effects of contact, object and table that a simulated scene carries, by id."""
 
 EFFECTS = MappingProxyType({**ARM_EFFECTS, **CAMERA_EFFECTS, **SCENE_EFFECTS})

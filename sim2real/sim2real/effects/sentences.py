@@ -34,7 +34,7 @@ class ValueWithInterval:
             word = f" {above if self.value >= 0 else below}"
             scale = scale if self.value >= 0 else -scale
         value, (low, high) = scale * self.value, sorted((scale * self.low, scale * self.high))
-        digits = _digits(high - low, value)
+        digits = _decimal_places(high - low, value)
         # Adding 0.0 turns -0.0 into 0.0.
         said, lowest, highest = (f"{round(number, digits) + 0.0:.{digits}f}" for number in (value, low, high))
         return f"{said} {unit} ({lowest} to {highest}){word}".replace("_", " ")
@@ -46,7 +46,7 @@ def describe_effect(effect: Effect, component: str, values: Mapping[str, ValueWi
     values: by the quantity's name; one that was not found is zero. nominal: what is compared with, "the simulator".
     """
     known = {q.name: values.get(q.name, ValueWithInterval(0.0, 0.0, 0.0)) for q in effect.quantities}
-    phrase = effect.sentence_template or _plain(effect)
+    phrase = effect.sentence_template or _default_template(effect)
     where = describe_component(effect.target, component) if effect.target in ARM_TARGETS else str(effect.target)
     return phrase.format(at=where, nominal=nominal, **known)
 
@@ -66,7 +66,7 @@ def describe_component(kind: EffectTarget, component: str) -> str:
     return f"{'link' if kind is EffectTarget.LINK else 'joint'} {number}"
 
 
-def _plain(effect: Effect) -> str:
+def _default_template(effect: Effect) -> str:
     """Of a record without a phrase, somebody's own: its name and its numbers."""
     numbers = ", ".join(
         f"{q.name.replace('_', ' ')} {{{q.name}:{q.unit.replace(' ', '_')}}}" for q in effect.quantities
@@ -74,7 +74,7 @@ def _plain(effect: Effect) -> str:
     return f"{{at}} has {effect.id.replace('_', ' ')}: {numbers}"
 
 
-def _digits(width: float, value: float) -> int:
+def _decimal_places(width: float, value: float) -> int:
     """Decimals at which the half of an interval has its first digit; three digits of the value where there is no interval."""
     size = width / 2 if width > 0 else abs(value) / 100
     return max(0, -floor(log10(size))) if size > 0 else 0

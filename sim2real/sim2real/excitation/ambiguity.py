@@ -72,13 +72,13 @@ def find_ambiguity(
     near = [
         (n,)
         for n in search.rank_candidates(search.model(remaining), THRESHOLDS.search.tried)
-        if _fits(design, member, n) and design.candidates[n].effect.id not in inside
+        if _can_replace(design, member, n) and design.candidates[n].effect.id not in inside
     ]
     found: dict[tuple[str, ...], ScoredModel] = {}
-    for replaced, others in (((member,), near), *_sums(search, chosen, member)):
+    for replaced, others in (((member,), near), *_find_sums(search, chosen, member)):
         kept = tuple(m for m in chosen.members if m not in replaced)
         for added in others:
-            if any(_same(design, n, m) for n in added for m in kept):
+            if any(_is_same_effect(design, n, m) for n in added for m in kept):
                 continue
             model = search.model((*kept, *added))
             names = tuple(sorted(design.candidates[n].effect.id for n in added))
@@ -90,7 +90,7 @@ def find_ambiguity(
     near = {names: s for names, s in found.items() if search.value(s) > search.value(chosen) - AMBIGUITY.near}
     listed = {names: s for names, s in near.items() if len(names) == 1 and names[0] in equivalent}
     for name in sorted(set(equivalent).difference(*listed, inside)):  # it is no rival alone, but beside something else
-        listed |= {n: s for n, s in _beside(search, chosen, member, name).items() if n not in listed}
+        listed |= {n: s for n, s in _find_compound_rival(search, chosen, member, name).items() if n not in listed}
     found = listed | {n: s for n, s in near.items() if len(n) > 1} if listed else near
     ranked = sorted(found.items(), key=lambda item: -search.value(item[1]))[: AMBIGUITY.rivals]
     if not ranked:
@@ -107,7 +107,9 @@ def joints_affected(search: ModelSearch, member: int) -> tuple[int, ...]:
     return search.joints_affected(candidate) if candidate.joint is None else (candidate.joint,)
 
 
-def _beside(search: ModelSearch, chosen: ScoredModel, member: int, name: str) -> dict[tuple[str, ...], ScoredModel]:
+def _find_compound_rival(
+    search: ModelSearch, chosen: ScoredModel, member: int, name: str
+) -> dict[tuple[str, ...], ScoredModel]:
     """The best model with the effect `name` at a member's place and without the member, where it comes
     near; called by all that it has and the chosen one has not. What it comes near without is left out: that
     explains something else, which the chosen model could have beside the member as well."""
@@ -130,13 +132,13 @@ def _beside(search: ModelSearch, chosen: ScoredModel, member: int, name: str) ->
     return {tuple(sorted(design.candidates[m].effect.id for m in added)): best}
 
 
-def _fits(design: RegressionProblem, member: int, other: int) -> bool:
+def _can_replace(design: RegressionProblem, member: int, other: int) -> bool:
     """Whether a candidate could stand in a member's place: at its joint, or of the arm."""
     mine, its = design.candidates[member], design.candidates[other]
     return its.effect.id != mine.effect.id and (None in (its.joint, mine.joint) or its.joint == mine.joint)
 
 
-def _sums(
+def _find_sums(
     search: ModelSearch, chosen: ScoredModel, member: int
 ) -> Iterator[tuple[tuple[int, ...], list[tuple[int, ...]]]]:
     """(members replaced, what stands for them) where a class of effects has a sum, as "a + b"."""
@@ -156,7 +158,7 @@ def _sums(
                 yield tuple(here[p] for p in parts), [(by_id[s][0],) for s in single if s in by_id]
 
 
-def _same(design: RegressionProblem, one: int, other: int) -> bool:
+def _is_same_effect(design: RegressionProblem, one: int, other: int) -> bool:
     a, b = design.candidates[one], design.candidates[other]
     return one == other or (a.effect.id, a.joint, a.effect.component) == (
         b.effect.id,

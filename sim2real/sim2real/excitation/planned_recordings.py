@@ -35,8 +35,8 @@ COARSE = 4  # periods
 def plan_log(segment: Segment, arm: Arm, like: Log) -> Log:
     """A recording of one segment with the channels that `like` has, by an arm without any gap."""
     time = np.arange(0.0, segment.duration, PERIOD)
-    q, dq, rate = _motion(segment, time)
-    rigid_part = _rigid(arm, segment, time)
+    q, dq, rate = _follow_segment(segment, time)
+    rigid_part = _rigid_body_torque(arm, segment, time)
     asked = rigid_part + smooth_sign(dq) * arm.frictionloss + dq * arm.damping
     measured = np.vstack([asked[:1], asked[:-1]])  # that of the period before the stamp
     if like.with_gravity:
@@ -78,7 +78,7 @@ def plan_cells(
     """
     context = plan_context(names, design.context)
     stages, cells = ResidualStages(context), []
-    effects = {m: _in(context, design.candidates[m].effect) for m in members}
+    effects = {m: _rebuild_effect(context, design.candidates[m].effect) for m in members}
     blocks = tuple(TimeBlock(n, -np.inf, np.inf) for n in range(len(names)))
     for cell in design.cells:
         if cell.joint not in joints or cell.stage not in stages.stages:
@@ -108,21 +108,21 @@ def plan_cells(
     return cells
 
 
-def _motion(segment: Segment, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _follow_segment(segment: Segment, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Position, velocity and acceleration (n, 7) of a segment that is followed perfectly; at rest outside of it."""
     path = CubicHermiteSpline(segment.times, segment.positions, segment.velocities)
     inside = np.clip(time, 0.0, segment.duration)
     return path(inside), path(inside, 1), np.gradient(path(inside, 1), time, axis=0)
 
 
-def _rigid(arm: Arm, segment: Segment, time: np.ndarray) -> np.ndarray:
+def _rigid_body_torque(arm: Arm, segment: Segment, time: np.ndarray) -> np.ndarray:
     """Torque (n, 7) Nm of the motion without gravity and friction: of every few rows, and smooth in between."""
     coarse = np.linspace(0.0, time[-1], 2 + len(time) // COARSE)
-    q, dq, rate = _motion(segment, coarse)
+    q, dq, rate = _follow_segment(segment, coarse)
     return CubicSpline(coarse, rigid.inverse_dynamics(arm, q, dq, rate, np.zeros(3)) + arm.armature * rate)(time)
 
 
-def _in(context: Context, effect: EffectRegressor) -> EffectRegressor:
+def _rebuild_effect(context: Context, effect: EffectRegressor) -> EffectRegressor:
     """The same effect with columns for another context: those of rigid bodies are tied to their motion."""
     if ARM_EFFECTS[effect.id].module != "rigid_body":
         return effect

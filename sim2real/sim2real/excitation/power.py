@@ -105,8 +105,11 @@ def predict_powers(
         probability = 1 / (1 + np.exp(np.clip(log_odds, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS)))
         row = []
         for number, name in enumerate(names):
-            normal = _normal(cells, planned, believed[0].variance, ids, number)
-            one, two = (_factors(normal, ids, *pair, seed) for pair in ((believed[0], other), (other, believed[0])))
+            normal = _normal_matrix(cells, planned, believed[0].variance, ids, number)
+            one, two = (
+                _draw_log_bayes_factors(normal, ids, *pair, seed)
+                for pair in ((believed[0], other), (other, believed[0]))
+            )
             found, missed = np.mean(lead + one > POWER.decisive), np.mean(two - lead > POWER.decisive)
             right = probability * found + (1 - probability) * missed
             row.append(ExperimentPower(name, duration[number], float(right), float(min(one.mean(), two.mean()))))
@@ -124,11 +127,11 @@ def choose_next_experiment(
     if question is None:
         return None
     if diagnosis.context.arm.joints != NOMINAL.joints:
-        return _known(question[0])
-    return _answer(diagnosis.search, question[1], seed)
+        return _catalogue_experiment(question[0])
+    return _rank_experiments(diagnosis.search, question[1], seed)
 
 
-def _known(finding: Finding) -> dict:
+def _catalogue_experiment(finding: Finding) -> dict:
     ids = {finding.effect.id, *finding.equivalent_to}
     split = next((text for members, text in equivalence_classes() if len(members & ids) > 1), None)
     return {
@@ -138,7 +141,7 @@ def _known(finding: Finding) -> dict:
     }
 
 
-def _answer(search: ModelSearch, question: Ambiguity, seed: int) -> dict:
+def _rank_experiments(search: ModelSearch, question: Ambiguity, seed: int) -> dict:
     names = candidate_experiments(question.joints)
     table = predict_powers(search, question, names, seed)
     text = [" + ".join(parts) for parts in question.names]
@@ -227,7 +230,7 @@ class _Belief:
         )
 
 
-def _normal(cells, planned, variance, ids, number) -> np.ndarray:
+def _normal_matrix(cells, planned, variance, ids, number) -> np.ndarray:
     """Sum (p, p) of squares and products of all parameters' columns in one experiment, over the noise."""
     normal = np.zeros((len(ids), len(ids)))
     for cell in planned:
@@ -237,7 +240,9 @@ def _normal(cells, planned, variance, ids, number) -> np.ndarray:
     return normal
 
 
-def _factors(normal: np.ndarray, ids: np.ndarray, true: _Belief, other: _Belief, seed: int) -> np.ndarray:
+def _draw_log_bayes_factors(
+    normal: np.ndarray, ids: np.ndarray, true: _Belief, other: _Belief, seed: int
+) -> np.ndarray:
     """Log Bayes factors (draws,) nats for the true model in experiments drawn from what it predicts."""
     rng = np.random.default_rng(seed)
     mine = np.searchsorted(ids, true.ids)
@@ -245,10 +250,10 @@ def _factors(normal: np.ndarray, ids: np.ndarray, true: _Belief, other: _Belief,
     values, vectors = np.linalg.eigh(normal)
     noise = rng.normal(size=(DRAWS, len(ids))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
     moments = parameters @ normal[mine] + noise
-    return _evidence(normal, moments, ids, true) - _evidence(normal, moments, ids, other)
+    return _log_evidence(normal, moments, ids, true) - _log_evidence(normal, moments, ids, other)
 
 
-def _evidence(normal: np.ndarray, moments: np.ndarray, ids: np.ndarray, belief: _Belief) -> np.ndarray:
+def _log_evidence(normal: np.ndarray, moments: np.ndarray, ids: np.ndarray, belief: _Belief) -> np.ndarray:
     """Log density (draws,) of data with these moments (draws, p), up to what all models share."""
     at = np.searchsorted(ids, belief.ids)
     precision = np.linalg.inv(belief.covariance)

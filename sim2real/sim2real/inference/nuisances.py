@@ -88,7 +88,7 @@ def nuisance_columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
         # After a reversal friction is late, and resists the acceleration less: it looks like less inertia.
         late = (
             c.arm.frictionloss[joint]
-            * c.samples.filtered(joint, lambda q, v, x=reach: bristle_deflection(q, x) - smooth_sign(v))
+            * c.samples.filter_function(joint, lambda q, v, x=reach: bristle_deflection(q, x) - smooth_sign(v))
             for reach in NUISANCES.breakaways
         )
         motion = c.samples.torque_rate[:, joint], c.samples.acceleration[:, joint]

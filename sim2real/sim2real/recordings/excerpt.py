@@ -25,11 +25,11 @@ def cut_excerpts(logs: Sequence[Log], most: float = RECORDINGS.short) -> list[Lo
         if count * RECORDINGS.stretch >= log.duration:
             found.append(log)
         else:
-            found += [_cut(log, start, start + RECORDINGS.stretch) for start in starts]
+            found += [_cut_log(log, start, start + RECORDINGS.stretch) for start in starts]
     return found
 
 
-def _cut(log: Log, begin: float, end: float) -> Log:
+def _cut_log(log: Log, begin: float, end: float) -> Log:
     """The rows of a log from begin to end, s since its first row; times begin at zero again."""
     first, last = np.searchsorted(log.time - log.time[0], [begin, end])
     rows, zero = slice(first, last), log.time[first]

@@ -38,7 +38,7 @@ def estimate_torque_constants(logs: Sequence[Log], arm: Arm) -> np.ndarray:
     for j, joint in enumerate(arm.joints):
         speed = samples.velocity[:, j]
         slides = np.abs(speed) > THRESHOLDS.rows.standstill
-        others = samples.filtered(j, lambda q, v: smooth_sign(v)), speed, np.ones_like(speed)
+        others = samples.filter_function(j, lambda q, v: smooth_sign(v)), speed, np.ones_like(speed)
         columns = np.column_stack([load[:, j], *others])[slides]
         if len(columns) < CURRENT.rows:
             raise ValueError(_unknown(joint, "too little motion of it"))

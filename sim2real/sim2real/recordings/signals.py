@@ -99,7 +99,7 @@ class Samples:
     def __len__(self) -> int:
         return len(self.time)
 
-    def filtered(self, joint: int, function: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+    def filter_function(self, joint: int, function: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
         """function(position (m,), velocity (m,)) -> (m,) of a joint on the fine grid, through the filter:
         (n,).
 
@@ -131,7 +131,7 @@ class Samples:
         flat = [np.concatenate([part.ravel() for part in parts]) for parts in (weights, places)]
         return csr_array((flat[0], flat[1], bounds), shape=shape)
 
-    def filtered_extreme(self, joint: int, extreme) -> np.ndarray:
+    def filter_extreme(self, joint: int, extreme) -> np.ndarray:
         """np.min or np.max (n,) of a joint's velocity over each sample's filter window."""
         parts = []
         for _, velocity in self.segments:
@@ -150,7 +150,7 @@ def sample_logs(logs: list[Log], commanded: bool = False) -> Samples:
     """
     if len({log.with_gravity for log in logs}) != 1:
         raise ValueError("expected logs that agree on whether torque includes gravity, got both")
-    parts = [part for number, log in enumerate(logs) for part in _sample_one(log, number, commanded)]
+    parts = [part for number, log in enumerate(logs) for part in _sample_log(log, number, commanded)]
     if not parts:
         raise ValueError(
             f"expected at least {RECORDINGS.shortest} s without a gap of {RECORDINGS.largest_gap} s, got none in "
@@ -161,7 +161,8 @@ def sample_logs(logs: list[Log], commanded: bool = False) -> Samples:
     # Rows that lie closer than the grid are left out, not averaged: their noise stays.
     period = np.mean([max(np.median(np.diff(log.time)), GRID) for log in logs])
     torque, velocity = (
-        np.sqrt(np.mean([_white(getattr(log, name)) ** 2 for log in logs], axis=0)) for name in ("torque", "velocity")
+        np.sqrt(np.mean([_white_noise(getattr(log, name)) ** 2 for log in logs], axis=0))
+        for name in ("torque", "velocity")
     )
     noise = torque * np.sqrt(period / (2 * np.sqrt(np.pi) * SMOOTHING))
     shaking = velocity * np.sqrt(period / (4 * np.sqrt(np.pi) * SMOOTHING**3))
@@ -179,7 +180,7 @@ _KERNEL /= _KERNEL.sum()
 _SLOPE = -_OFFSETS * _KERNEL / (_OFFSETS**2 * _KERNEL).sum()
 
 
-def _sample_one(log: Log, number: int, commanded: bool):
+def _sample_log(log: Log, number: int, commanded: bool):
     c = log.commands
     torque_time, torque_values = (c.torque_time, c.torque) if commanded else (log.torque_time, log.torque)
     edges = np.flatnonzero(np.diff(log.time) > RECORDINGS.largest_gap) + 1
@@ -200,7 +201,7 @@ def _sample_one(log: Log, number: int, commanded: bool):
             np.full(kept.size, number),
             _filter(position, _KERNEL),
             _filter(velocity, _KERNEL),
-            _filter(_as_held(velocity, c.torque_time) if commanded else velocity, _SLOPE),
+            _filter(_smooth_held_commands(velocity, c.torque_time) if commanded else velocity, _SLOPE),
             _filter(torque, _KERNEL),
             _filter(torque, _SLOPE),
             (position, velocity),
@@ -208,7 +209,7 @@ def _sample_one(log: Log, number: int, commanded: bool):
         )
 
 
-def _as_held(velocity: np.ndarray, torque_time: np.ndarray) -> np.ndarray:
+def _smooth_held_commands(velocity: np.ndarray, torque_time: np.ndarray) -> np.ndarray:
     """Velocity (m, k) on the fine grid, smoothed as commands are that are interpolated between middles of periods T.
 
     A command is held for its period, so that velocity runs in straight lines from stamp to stamp. At a frequency w
@@ -221,7 +222,7 @@ def _as_held(velocity: np.ndarray, torque_time: np.ndarray) -> np.ndarray:
     return smooth
 
 
-def _white(values: np.ndarray) -> np.ndarray:
+def _white_noise(values: np.ndarray) -> np.ndarray:
     """Standard deviation (k,) of the white part of raw values (n, k)."""
     # Third differences pass white noise (with the gain sqrt 20) and hardly any motion.
     return 1.4826 * np.median(np.abs(np.diff(values, 3, axis=0)), axis=0) / np.sqrt(20)

@@ -33,7 +33,7 @@ def make_report(
         "verdict": diagnosis.verdict,
         "sentence": diagnosis.sentence,
         "where": where(diagnosis),
-        "effects": [_effect(f) for f in diagnosis.findings] if diagnosis.verdict != "no_gap" else [],
+        "effects": [_effect_row(f) for f in diagnosis.findings] if diagnosis.verdict != "no_gap" else [],
         "gap": {
             "metric": "held-out RMS of the torque residuals of all rungs, averaged over the joints that moved",
             "unit": "Nm",
@@ -50,12 +50,12 @@ def make_report(
                     "floor_is_measured": bool(gap.is_floor_measured[j]),
                     "moved": bool(gap.moved[j]),
                     "unexplained": j in diagnosis.unexplained,
-                    "ladder": _ladder(diagnosis, j),
-                    "regimes": _regimes(diagnosis, j),
+                    "ladder": _stage_gaps(diagnosis, j),
+                    "regimes": _regime_gaps(diagnosis, j),
                 }
                 for j, joint in enumerate(joints)
             },
-            "worse": _worse(diagnosis),
+            "worse": _list_growing_gaps(diagnosis),
             "not_patched": list(done.left_out),
             "closed_loop_rad": done.closed_loop or {},
         },
@@ -135,7 +135,7 @@ def write_report(
     return report
 
 
-def _effect(finding: Finding) -> dict:
+def _effect_row(finding: Finding) -> dict:
     return {
         "effect": finding.effect.id,
         "component": finding.component,
@@ -152,7 +152,7 @@ def _effect(finding: Finding) -> dict:
     }
 
 
-def _ladder(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float]]:
+def _stage_gaps(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float]]:
     """RMS before and after at each stage."""
     table = {}
     for n, cell in enumerate(diagnosis.design.cells):
@@ -165,7 +165,7 @@ def _ladder(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float]]:
     return table
 
 
-def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | None]:
+def _regime_gaps(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | None]:
     """RMS Nm of r2 before and after in each regime; None where the joint was not in it while moving."""
     samples, cells = diagnosis.context.samples, diagnosis.design.cells
     mine = [n for n, c in enumerate(cells) if c.joint == joint and c.stage is Stage.DYNAMICS]
@@ -187,12 +187,12 @@ def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | N
     return table
 
 
-def _worse(diagnosis: Diagnosis) -> list[str]:
+def _list_growing_gaps(diagnosis: Diagnosis) -> list[str]:
     """Joint and regime in which the gap grows by more than the threshold `shrinkage.worse`."""
     found = []
     for j, joint in enumerate(diagnosis.context.arm.joints):
         for name in REGIMES:
-            r = _regimes(diagnosis, j)[name]
+            r = _regime_gaps(diagnosis, j)[name]
             if r and r["after"] > THRESHOLDS.shrinkage.worse * r["before"]:
                 found.append(f"{joint}: {name}")
     return found

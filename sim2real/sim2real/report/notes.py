@@ -23,11 +23,13 @@ def list_notes(diagnosis: Diagnosis, tried: bool) -> list[str]:
             "The gains of the controller were not recorded (target_gains): errors of its law are not looked for."
         )
     if not tried and diagnosis.verdict != "no_gap":
-        found.append(f"The patch was not tried in the closed loop ({_why(diagnosis)}): it is written as found.")
+        found.append(
+            f"The patch was not tried in the closed loop ({_reason_untried(diagnosis)}): it is written as found."
+        )
     return found
 
 
-def _why(diagnosis: Diagnosis) -> str:
+def _reason_untried(diagnosis: Diagnosis) -> str:
     context = diagnosis.context
     if context.reference:
         return "what changed is not seen in a simulator of the nominal arm"

@@ -30,7 +30,7 @@ def gap_plot(diagnosis: Diagnosis) -> str:
         figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
         axes = figure.add_subplot()
         place = np.arange(len(joints))
-        axes.bar(place - 0.2, gap.before_joint, 0.4, color=BEFORE, label=_before(diagnosis))
+        axes.bar(place - 0.2, gap.before_joint, 0.4, color=BEFORE, label=_baseline_label(diagnosis))
         axes.bar(place + 0.2, gap.after_joint, 0.4, color=AFTER, label="effects added")
         axes.hlines(gap.floor_joint, place - 0.45, place + 0.45, color=FLOOR, lw=2, label="floor")
         axes.set_xticks(place, joints, fontsize=8)
@@ -40,21 +40,21 @@ def gap_plot(diagnosis: Diagnosis) -> str:
         return svg(figure)
 
 
-def _before(diagnosis: Diagnosis) -> str:
+def _baseline_label(diagnosis: Diagnosis) -> str:
     return "as it was before" if diagnosis.context.reference else "nominal simulator"
 
 
 def residual_plot(diagnosis: Diagnosis) -> str:
     """Residual torque over time, before and held out after."""
-    return _grid(diagnosis, True, "sample time (s)", "-", 0.7)
+    return _residual_grid(diagnosis, True, "sample time (s)", "-", 0.7)
 
 
 def velocity_plot(diagnosis: Diagnosis) -> str:
     """Residual torque over velocity: what friction looks like."""
-    return _grid(diagnosis, False, "velocity (rad/s)", ".", 1.0)
+    return _residual_grid(diagnosis, False, "velocity (rad/s)", ".", 1.0)
 
 
-def _grid(diagnosis: Diagnosis, over_time: bool, label: str, mark: str, size: float) -> str:
+def _residual_grid(diagnosis: Diagnosis, over_time: bool, label: str, mark: str, size: float) -> str:
     samples = diagnosis.context.samples
     with style():
         figure = Figure(figsize=(WIDTH, 4.4), dpi=200)
@@ -77,7 +77,7 @@ def _grid(diagnosis: Diagnosis, over_time: bool, label: str, mark: str, size: fl
         for axes in panels[len(diagnosis.context.arm) :]:
             axes.axis("off")
         for text, colour, height in (
-            (_before(diagnosis), BEFORE, 0.6),
+            (_baseline_label(diagnosis), BEFORE, 0.6),
             ("effects added, held out", AFTER, 0.4),
         ):
             panels[-1].text(0.1, height, text, color=colour, weight="bold", transform=panels[-1].transAxes)

@@ -23,44 +23,44 @@ def sentence(
     nominal = "the arm as it was" if is_change else "the simulator"
     found = [f for f in findings if f.is_chosen]
     if verdict == "no_gap":
-        said = "The arm moves as it did" if is_change else "The arm moves as the simulator does"
-        return f"{said}: no difference was found that repeats."
-    parts = [_unexplained(unexplained, nominal)] if verdict == "unexplained" else []
+        text = "The arm moves as it did" if is_change else "The arm moves as the simulator does"
+        return f"{text}: no difference was found that repeats."
+    parts = [_describe_unexplained(unexplained, nominal)] if verdict == "unexplained" else []
     if found:
-        said = "; ".join(_said(f, nominal) for f in found)
-        said = said.replace("(", "(95 %: ", 1)  # the other brackets are the same
+        text = "; ".join(_describe_finding(f, nominal) for f in found)
+        text = text.replace("(", "(95 %: ", 1)  # the other brackets are the same
         opening = {"unexplained": "What was found beside that: ", "ambiguous": "Probably "}.get(verdict, "")
-        parts.append(f"{opening}{said}.")
-        parts.append(_removed(gap, len(found)))
-    parts += [_doubt(f) for f in found if verdict == "ambiguous" and f.is_open]
+        parts.append(f"{opening}{text}.")
+        parts.append(_describe_shrinkage(gap, len(found)))
+    parts += [_describe_doubt(f) for f in found if verdict == "ambiguous" and f.is_open]
     return " ".join(part[0].upper() + part[1:] for part in parts)
 
 
-def _said(finding: Finding, nominal: str) -> str:
+def _describe_finding(finding: Finding, nominal: str) -> str:
     values = {name: ValueWithInterval(e.value, e.low, e.high) for name, e in finding.parameters.items()}
     return describe_effect(ARM_EFFECTS[finding.effect.id], finding.component, values, nominal)
 
 
-def _removed(gap: Gap, count: int) -> str:
+def _describe_shrinkage(gap: Gap, count: int) -> str:
     share, low, high = (round(100 * share) for share in (gap.shrink, *gap.shrink_interval))
     what = _COUNT.get(count, f"all {count}")
     return f"Adding {what} removes {share} % of the gap (95 %: {low} to {high})."
 
 
-def _doubt(finding: Finding) -> str:
+def _describe_doubt(finding: Finding) -> str:
     """Why a finding is not sure."""
-    name = f"{_name(finding.effect.id)} at {describe_component(EffectTarget.JOINT, finding.component)}"
+    name = f"{_effect_name(finding.effect.id)} at {describe_component(EffectTarget.JOINT, finding.component)}"
     if finding.competing_effects:
-        return f"{name} cannot be told from {' or '.join(map(_name, finding.competing_effects))} by these recordings."
+        return f"{name} cannot be told from {' or '.join(map(_effect_name, finding.competing_effects))} by these recordings."
     return f"{name} has a probability of {finding.class_probability:.2f} only."
 
 
-def _unexplained(names: Sequence[str], nominal: str) -> str:
+def _describe_unexplained(names: Sequence[str], nominal: str) -> str:
     joints = [describe_component(EffectTarget.JOINT, name) for name in names]
     names = joints[0] if len(joints) == 1 else f"{', '.join(joints[:-1])} and {joints[-1]}"
     verb = "departs" if len(joints) == 1 else "depart"
     return f"{names} {verb} from {nominal} in a way that no known effect explains: look at the joint before you use the patch."
 
 
-def _name(effect: str) -> str:
+def _effect_name(effect: str) -> str:
     return effect.replace("_", " ")

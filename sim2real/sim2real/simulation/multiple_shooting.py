@@ -122,7 +122,7 @@ def simulate_departures(recorded: ShootingWindows, patches: Sequence[Patch]) -> 
     bias = np.array([patch.per_joint("encoder_bias", "bias") for patch in spread])
     late = np.array([patch.per_joint("measurement_delay", "delay") for patch in spread])
     late = np.maximum(late, 0.0) / recorded.period
-    true, speed = _true(w["position"] - bias[:, None], w["velocity"], late)
+    true, speed = _true_states(w["position"] - bias[:, None], w["velocity"], late)
     for k in range(recorded.warm):
         effects.sense(true[:, k], speed[:, k], w["commanded"][:, k])
         effects.drive(w["commanded"][:, k], true[:, k])
@@ -151,7 +151,7 @@ def rms(errors: np.ndarray) -> np.ndarray:
     return np.sqrt(np.square(errors).mean(axis=(-3, -2)))
 
 
-def _true(position: np.ndarray, velocity: np.ndarray, late: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _true_states(position: np.ndarray, velocity: np.ndarray, late: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Angles and speeds (S, m, 7) as they were, of recorded ones that are `late` (S, 7) periods old.
 
     The last ones are held. Speeds are averaged, for the noise of an encoder at the start is no motion.

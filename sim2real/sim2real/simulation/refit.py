@@ -109,7 +109,7 @@ def refit(
     start = x.copy()
 
     def patch(values: np.ndarray) -> Patch:
-        return _patch(parts, names, values)
+        return _make_patch(parts, names, values)
 
     prior = np.zeros(len(x))
     if not has_delay:
@@ -139,7 +139,7 @@ def refit(
     return Refit(parts, tuple(values), *rms(judged), len(fitted), len(judged_on))
 
 
-def _patch(parts: Sequence[RefittedEffect], names: Sequence[tuple[int, str]], values: np.ndarray) -> Patch:
+def _make_patch(parts: Sequence[RefittedEffect], names: Sequence[tuple[int, str]], values: np.ndarray) -> Patch:
     by_part: list[dict[str, float]] = [dict(part.constants) for part in parts]
     for (n, name), value in zip(names, values):
         by_part[n][name] = float(value)
@@ -175,7 +175,7 @@ def refit_in_simulation(diagnosis: Diagnosis, rivals: Sequence[ScoredModel] = ()
             found.append({"effects": _titles(parts), "error": str(error)})
             continue
         if done is not None:
-            found.append(_row(done, [p for p in parts if not p.is_carried]))
+            found.append(_refit_row(done, [p for p in parts if not p.is_carried]))
     return {"structures": found} if found else None
 
 
@@ -190,7 +190,7 @@ def _titles(parts: Sequence[RefittedEffect]) -> list[str]:
     return [f"{part.effect} at {part.component}" for part in parts]
 
 
-def _row(done: Refit, left_out: Sequence[RefittedEffect]) -> dict:
+def _refit_row(done: Refit, left_out: Sequence[RefittedEffect]) -> dict:
     rows = []
     for part, values in zip(done.parts, done.values):
         for name, forward in values.items():

@@ -100,13 +100,13 @@ def make_plant(spec: mujoco.MjSpec, largest: dict[str, float]) -> ArmPlant:
     model.actuator_forcelimited[:] = limited
     model.actuator_forcerange[:] = model.jnt_actfrcrange
     model.jnt_actfrclimited[:] = False
-    free = _with_floating_compensation(spec).compile()
+    free = _compensate_nominal_weight(spec).compile()
     for name in ("actuator_forcelimited", "actuator_forcerange", "jnt_actfrclimited"):
         getattr(free, name)[:] = getattr(model, name)
     return ArmPlant(model, free, {name: np.full(model.nv, value) for name, value in largest.items()})
 
 
-def _with_floating_compensation(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+def _compensate_nominal_weight(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     # What compensates gravity does not know the true mass of a link: it pulls with the nominal weight at the
     # nominal centre of mass, through a body of its own that weighs nothing.
     spec = spec.copy()

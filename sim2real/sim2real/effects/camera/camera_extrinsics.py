@@ -11,7 +11,7 @@ from np_description.camera import Camera
 from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity, QuantityValues
 
 
-def _moved(camera: Camera, values: QuantityValues) -> Camera:
+def _move_camera(camera: Camera, values: QuantityValues) -> Camera:
     """Moved by x, y, z and turned by the rotation vector, both in axes of the base."""
     turn = matrix_from_vector(np.array([values["turn_x"], values["turn_y"], values["turn_z"]]))
     position = np.asarray(camera.position) + [values["x"], values["y"], values["z"]]
@@ -29,5 +29,5 @@ EFFECT = Effect(
     detection_limit=DetectionLimit("m", 0.002, largest=8.0),
     sentence_template="the camera is {x:mm}, {y:mm}, {z:mm} from where it is believed to be (x, y, z), and turned by {turn_x:deg}, {turn_y:deg}, "
     "{turn_z:deg}",
-    camera_pose=_moved,
+    camera_pose=_move_camera,
 )

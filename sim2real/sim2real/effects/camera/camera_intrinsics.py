@@ -9,7 +9,7 @@ from np_description.camera import Camera
 from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity, QuantityValues
 
 
-def _lens(pixels: np.ndarray, camera: Camera, values: QuantityValues) -> np.ndarray:
+def _change_lens(pixels: np.ndarray, camera: Camera, values: QuantityValues) -> np.ndarray:
     scale = 1.0 + values["focal"]
     u = camera.cx + scale * (pixels[..., 0] - camera.cx) + values["centre_u"]
     v = camera.cy + scale * (pixels[..., 1] - camera.cy) + values["centre_v"]
@@ -26,5 +26,5 @@ EFFECT = Effect(
     ),
     detection_limit=DetectionLimit("1", 0.004, largest=8.0),
     sentence_template="the camera's focal length is {focal:% more/less}, its centre {centre_u:px}, {centre_v:px} to the right and below",
-    lens=_lens,
+    lens=_change_lens,
 )

@@ -9,7 +9,7 @@ from np_description.camera import Camera
 from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity, QuantityValues
 
 
-def _lens(pixels: np.ndarray, camera: Camera, values: QuantityValues) -> np.ndarray:
+def _distort(pixels: np.ndarray, camera: Camera, values: QuantityValues) -> np.ndarray:
     x = (pixels[..., 0] - camera.cx) / camera.fx
     y = (pixels[..., 1] - camera.cy) / camera.fy
     r2 = x**2 + y**2
@@ -31,5 +31,5 @@ EFFECT = Effect(
     ),
     detection_limit=DetectionLimit("px at the corner of the image", 1.0, largest=8.0),
     sentence_template="the lens distorts: k1 {k1:1}, k2 {k2:1}, p1 {p1:1}, p2 {p2:1}",
-    lens=_lens,
+    lens=_distort,
 )

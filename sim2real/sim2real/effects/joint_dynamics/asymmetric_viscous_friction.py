@@ -23,8 +23,8 @@ def _regressors(context: Context) -> list[EffectRegressor]:
             tuple(Parameter(q.name, "Nms/rad", lower, q.upper, 0.3) for q in (POSITIVE, NEGATIVE)),
             {
                 Stage.DYNAMICS: lambda c, j: stack(
-                    c.samples.filtered(j, lambda q, v: np.maximum(v, 0)),
-                    c.samples.filtered(j, lambda q, v: np.minimum(v, 0)),
+                    c.samples.filter_function(j, lambda q, v: np.maximum(v, 0)),
+                    c.samples.filter_function(j, lambda q, v: np.minimum(v, 0)),
                 )
             },
             "Gaz et al., RA-L 2019",
@@ -32,7 +32,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     ]
 
 
-def _uneven(values: HookContext) -> ResistanceFunction:
+def _asymmetric_torque(values: HookContext) -> ResistanceFunction:
     half = 0.5 * (values("coefficient_positive") - values("coefficient_negative"))
     return lambda q, dq: half * abs(dq)
 
@@ -46,6 +46,6 @@ EFFECT = Effect(
     modify_rigid_body=lambda panda, component, v: add_to_joints(
         panda, "damping", component, 0.5 * (v["coefficient_positive"] + v["coefficient_negative"])
     ),
-    joints=_uneven,
+    joints=_asymmetric_torque,
     sentence_template="{at} has {coefficient_positive:Nms/rad more/less} friction by speed when it turns forwards and {coefficient_negative:Nms/rad more/less} backwards",
 )

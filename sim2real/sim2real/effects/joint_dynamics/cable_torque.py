@@ -28,7 +28,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     ]
 
 
-def _pull(values: HookContext) -> ResistanceFunction:
+def _cable_torque(values: HookContext) -> ResistanceFunction:
     stiffness, offset, slack = values("stiffness"), values("offset"), values.arrays.array(NOMINAL.ready)
     return lambda q, dq: stiffness * (q - slack) + offset
 
@@ -39,6 +39,6 @@ EFFECT = Effect(
     (STIFFNESS, OFFSET),
     _regressors,
     DetectionLimit("Nm/rad", (0.08, 0.06, 0.06, 0.06, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),
-    joints=_pull,
+    joints=_cable_torque,
     sentence_template="a cable or hose pulls at {at}: {stiffness:Nm/rad} as a spring and {offset:Nm} in the rest posture",
 )

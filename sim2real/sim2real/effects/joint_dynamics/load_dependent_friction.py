@@ -27,7 +27,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     ]
 
 
-def _by_load(values: HookContext) -> ResistanceFunction:
+def _load_torque(values: HookContext) -> ResistanceFunction:
     coefficient, hold = values("coefficient"), values.arrays.hold(NOMINAL)
     return lambda q, dq: coefficient * abs(hold(q)) * smooth_direction(dq)
 
@@ -38,6 +38,6 @@ EFFECT = Effect(
     (COEFFICIENT,),
     _regressors,
     DetectionLimit("1", (0.02, 0.004, 0.008, 0.004, 0.02, 0.015, 0.03), (2, 3, 4, 6), largest=8),
-    joints=_by_load,
+    joints=_load_torque,
     sentence_template="{at} has dry friction that is {coefficient:%} of its load",
 )

@@ -22,7 +22,7 @@ def _regressor(stroke: float) -> EffectRegressor:
     """More friction, of a kind that builds up."""
 
     def columns(c: Context, j: int) -> np.ndarray:
-        return stack(c.samples.filtered(j, lambda q, v: dahl_state(q, stroke)))
+        return stack(c.samples.filter_function(j, lambda q, v: dahl_state(q, stroke)))
 
     return EffectRegressor(
         "presliding_friction",
@@ -38,7 +38,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     return [_regressor(stroke) for stroke in STROKES]
 
 
-def _bristles(values: HookContext) -> ResistanceFunction:
+def _dahl_torque(values: HookContext) -> ResistanceFunction:
     level, stroke = values("level"), values("stroke").clip(1e-4)
     bristle, last = 0.0 * level, None
 
@@ -59,6 +59,6 @@ EFFECT = Effect(
     (LEVEL, STROKE),
     _regressors,
     DetectionLimit("Nm", (0.09, 0.09, 0.08, 0.08, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),
-    joints=_bristles,
+    joints=_dahl_torque,
     sentence_template="{at} has {level:Nm} of dry friction that builds up over {stroke:mrad} after each reversal",
 )

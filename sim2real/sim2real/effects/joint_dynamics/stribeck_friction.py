@@ -22,7 +22,7 @@ def _regressor(speed: float) -> EffectRegressor:
         (Parameter("breakaway", "Nm", BREAKAWAY.lower, BREAKAWAY.upper, 0.2),),
         {
             Stage.DYNAMICS: lambda c, j: stack(
-                c.samples.filtered(j, lambda q, v: smooth_sign(v) * np.exp(-((v / speed) ** 2))),
+                c.samples.filter_function(j, lambda q, v: smooth_sign(v) * np.exp(-((v / speed) ** 2))),
             )
         },
         "Armstrong-Helouvry et al., Automatica 1994",
@@ -35,7 +35,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     return [_regressor(speed) for speed in SPEEDS]
 
 
-def _near_standstill(values: HookContext) -> ResistanceFunction:
+def _stribeck_torque(values: HookContext) -> ResistanceFunction:
     breakaway, speed = values("breakaway"), values("speed").clip(1e-3)
     return lambda q, dq: breakaway * smooth_direction(dq) * namespace(dq).exp(-((dq / speed) ** 2))
 
@@ -46,6 +46,6 @@ EFFECT = Effect(
     (BREAKAWAY, SPEED),
     _regressors,
     DetectionLimit("Nm", (0.08, 0.08, 0.07, 0.07, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7), largest=6),
-    joints=_near_standstill,
+    joints=_stribeck_torque,
     sentence_template="{at} has {breakaway:Nm} of further friction near standstill, below about {speed:rad/s}",
 )

@@ -41,7 +41,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     ]
 
 
-def _drift(values: HookContext) -> ResistanceFunction:
+def _drifting_torque(values: HookContext) -> ResistanceFunction:
     change, lasting = values("change"), values("duration")
     xp, array = namespace(change), values.arrays.array
     duration, time = xp.where(lasting > 0, lasting, USUAL_DURATION), array(values.begin)
@@ -62,6 +62,6 @@ EFFECT = Effect(
     (CHANGE, DURATION),
     _regressors,
     DetectionLimit("1", (0.15, 0.25, 0.17, 0.1, 0.06, 0.08, 0.1), (1, 4, 5, 6, 7), largest=4),
-    joints=_drift,
+    joints=_drifting_torque,
     sentence_template="the friction of {at} becomes {change:% more/less} as the recording goes on",
 )

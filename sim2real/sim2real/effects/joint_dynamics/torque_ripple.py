@@ -21,8 +21,8 @@ def _regressor(joint: int, order: int) -> EffectRegressor:
         tuple(Parameter(q.name, "Nm", q.lower, q.upper, 0.1) for q in (SINE, COSINE)),
         {
             Stage.DYNAMICS: lambda c, j: stack(
-                c.samples.filtered(j, lambda q, v: np.sin(order * q)),
-                c.samples.filtered(j, lambda q, v: np.cos(order * q)),
+                c.samples.filter_function(j, lambda q, v: np.sin(order * q)),
+                c.samples.filter_function(j, lambda q, v: np.cos(order * q)),
             )
         },
         "order of the wave generator",
@@ -36,7 +36,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     return [_regressor(joint, order) for joint, orders in context.ripples.items() for order in orders]
 
 
-def _ripple(values: HookContext) -> ResistanceFunction:
+def _ripple_torque(values: HookContext) -> ResistanceFunction:
     sine, cosine, order = values("sine"), values("cosine"), values("order")
     xp = namespace(sine)
     return lambda q, dq: sine * xp.sin(order * q) + cosine * xp.cos(order * q)
@@ -48,6 +48,6 @@ EFFECT = Effect(
     (SINE, COSINE, ORDER),
     _regressors,
     DetectionLimit("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
-    joints=_ripple,
+    joints=_ripple_torque,
     sentence_template="the torque of {at} ripples as its gear turns, by {sine:Nm} (sine) and {cosine:Nm} (cosine)",
 )

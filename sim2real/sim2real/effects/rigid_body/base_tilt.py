@@ -34,7 +34,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     ]
 
 
-def _tilt(weight: GravityModel, component: str, values: Mapping[str, float]) -> GravityModel:
+def _add_tilt(weight: GravityModel, component: str, values: Mapping[str, float]) -> GravityModel:
     roll, pitch = weight.tilt
     return replace(weight, tilt=(roll + values["roll"], pitch + values["pitch"]))
 
@@ -45,6 +45,6 @@ EFFECT = Effect(
     (ROLL, PITCH),
     _regressors,
     DetectionLimit("rad", 0.0015),
-    gravity_error=_tilt,
+    gravity_error=_add_tilt,
     sentence_template="the base stands crooked: {roll:deg} about x and {pitch:deg} about y",
 )

@@ -28,7 +28,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     ]
 
 
-def _share(weight: GravityModel, component: str, values: Mapping[str, float]) -> GravityModel:
+def _scale_compensation(weight: GravityModel, component: str, values: Mapping[str, float]) -> GravityModel:
     return replace(weight, share=weight.share + values["scale"])
 
 
@@ -38,6 +38,6 @@ EFFECT = Effect(
     (SCALE,),
     _regressors,
     DetectionLimit("1", 0.005),
-    gravity_error=_share,
+    gravity_error=_scale_compensation,
     sentence_template="gravity compensation is {scale:% too_strong/too_weak}",
 )

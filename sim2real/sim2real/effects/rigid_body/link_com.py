@@ -24,7 +24,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
         EffectRegressor(
             "link_com",
             moments,
-            {Stage.DYNAMICS: lambda c, j, table=context.rigid.moved_centre(i): table[:, j]},
+            {Stage.DYNAMICS: lambda c, j, table=context.rigid.mass_centre_change(i): table[:, j]},
             "inverse dynamics are linear in m c; the inertia about the joint goes with it, to first order",
             f"link {i + 1}",
             is_arm=True,
@@ -34,7 +34,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     ]
 
 
-def _shift(panda: PandaModel, component: str, values: Mapping[str, float]) -> PandaModel:
+def _move_centre(panda: PandaModel, component: str, values: Mapping[str, float]) -> PandaModel:
     name = link_name(panda, component)
     body = panda.inertials[name]
     shift = np.array([values[q.name] for q in MOMENTS]) / body.mass
@@ -47,7 +47,7 @@ EFFECT = Effect(
     MOMENTS,
     _regressors,
     DetectionLimit("kg m", (0.01, 0.01, 0.01, 0.01, 0.006, 0.005, 0.004), (2, 3, 4, 5, 6, 7)),
-    modify_rigid_body=_shift,
+    modify_rigid_body=_move_centre,
     gravity_error=lambda weight, component, values: weight,
     sentence_template="the mass of {at} lies elsewhere: mass times place is off by {moment_x:kg_m} in x, {moment_y:kg_m} in y, {moment_z:kg_m} in z",
 )

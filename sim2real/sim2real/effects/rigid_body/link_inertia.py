@@ -23,7 +23,7 @@ AXES = 0.25  # of the change, to which one number says it: what is added to a li
 def _regressors(context: Context) -> list[EffectRegressor]:
     # A joint feels the errors of all links that it turns: one link's can be told from those of the others only where it is
     # larger than they are together.
-    own = context.rigid.own_sizes()
+    own = context.rigid.link_inertia_traces()
     known = SURE * INERTIA_ERROR * np.linalg.norm(own) / np.maximum(own, 1e-9)
     return [
         EffectRegressor(
@@ -40,7 +40,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     ]
 
 
-def _scaled(panda: PandaModel, component: str, values: Mapping[str, float]) -> PandaModel:
+def _scale_inertia(panda: PandaModel, component: str, values: Mapping[str, float]) -> PandaModel:
     name = link_name(panda, component)
     body = panda.inertials[name]
     heavier = replace(body, inertia=body.inertia * (1 + values["scale"]))
@@ -53,6 +53,6 @@ EFFECT = Effect(
     (SCALE,),
     _regressors,
     DetectionLimit("1", (0.3, 0.3, 0.3, 0.3, 0.15, 0.4, 0.3), (3, 4, 5, 7)),
-    modify_rigid_body=_scaled,
+    modify_rigid_body=_scale_inertia,
     sentence_template="{at} has {scale:% more/less} inertia about its own centre of mass",
 )

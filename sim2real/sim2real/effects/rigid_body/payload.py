@@ -34,12 +34,12 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     ]
 
 
-def _load(panda: PandaModel, component: str, values: Mapping[str, float]) -> PandaModel:
-    hand = _loaded(panda.inertials["hand"], values["mass"], panda.frames["hand_tcp"].position)
+def _add_payload(panda: PandaModel, component: str, values: Mapping[str, float]) -> PandaModel:
+    hand = _add_point_mass(panda.inertials["hand"], values["mass"], panda.frames["hand_tcp"].position)
     return replace(panda, inertials={**panda.inertials, "hand": hand})
 
 
-def _loaded(body: Inertial, mass: float, point: np.ndarray) -> Inertial:
+def _add_point_mass(body: Inertial, mass: float, point: np.ndarray) -> Inertial:
     """A body with a point mass kg at a point (3,) m of its frame."""
     total = body.mass + mass
     com = (body.mass * body.com + mass * point) / total
@@ -57,7 +57,7 @@ EFFECT = Effect(
     (MASS,),
     _regressors,
     DetectionLimit("kg", 0.04),
-    modify_rigid_body=_load,
+    modify_rigid_body=_add_payload,
     gravity_error=lambda weight, component, values: weight,
     sentence_template="the arm carries {mass:kg} that {nominal} does not know",
 )

@@ -37,13 +37,13 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     ]
 
 
-def _compensated_beside(weight: GravityModel, component: str, values: Mapping[str, float]) -> GravityModel:
+def _shift_compensation(weight: GravityModel, component: str, values: Mapping[str, float]) -> GravityModel:
     bias = weight.bias.copy()
     bias[joint_rows(NOMINAL, component)] += values["bias"]
     return replace(weight, bias=bias)
 
 
-def _read(values: HookContext):
+def _add_bias(values: HookContext):
     bias = values("bias")
 
     def sense(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -58,7 +58,7 @@ EFFECT = Effect(
     (BIAS,),
     _regressors,
     DetectionLimit("rad", (0.002, 0.0015, 0.003, 0.003, 0.003, 0.003, 0.003), (2, 3, 4)),
-    gravity_error=_compensated_beside,
-    sensors=SensorHook(SensorSlot.ZERO, _read),
+    gravity_error=_shift_compensation,
+    sensors=SensorHook(SensorSlot.ZERO, _add_bias),
     sentence_template="the encoder of {at} reads {bias:mrad too_much/too_little}",
 )

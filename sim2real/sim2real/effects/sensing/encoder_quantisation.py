@@ -43,7 +43,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     return []  # it competes with nothing: `find_quantum` tells it
 
 
-def _in_steps(values: HookContext):
+def _quantise(values: HookContext):
     step = values("step")
     xp, coarse = namespace(step), step > 0
     width = xp.where(coarse, step, 1.0)
@@ -60,7 +60,7 @@ EFFECT = Effect(
     (STEP,),
     _regressors,
     DetectionLimit("rad", (4e-5,) * 7, (1, 2, 3, 4, 5, 6, 7)),
-    sensors=SensorHook(SensorSlot.STEP, _in_steps),
+    sensors=SensorHook(SensorSlot.STEP, _quantise),
     shows_in_motion=False,
     sentence_template="the encoder of {at} reads in steps of {step:mrad}",
 )

@@ -28,7 +28,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     ]
 
 
-def _read(values: HookContext):
+def _scale_reading(values: HookContext):
     gain, zero = 1 + values("gain"), values("offset")
 
     def sense(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -43,7 +43,7 @@ EFFECT = Effect(
     (GAIN, OFFSET),
     _regressors,
     DetectionLimit("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
-    sensors=SensorHook(SensorSlot.TORQUE, _read),
+    sensors=SensorHook(SensorSlot.TORQUE, _scale_reading),
     shows_in_motion=False,
     sentence_template="the torque sensor of {at} is off by {gain:%} of its reading and {offset:Nm}",
 )

@@ -54,7 +54,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     return [] if context.drive is None else [_regressor(delay) for delay in DELAYS]
 
 
-def _late(values: HookContext) -> DriveFunction:
+def _delay(values: HookContext) -> DriveFunction:
     return DelayLine(values("delay").clip(0.0) / values.period)
 
 
@@ -64,6 +64,6 @@ EFFECT = Effect(
     (DELAY,),
     _regressors,
     DetectionLimit("s", 5e-4),
-    drive=DriveHook(DriveSlot.TRANSPORT, _late),
+    drive=DriveHook(DriveSlot.TRANSPORT, _delay),
     sentence_template="commands take effect {delay:ms later/earlier} than in {nominal}",
 )

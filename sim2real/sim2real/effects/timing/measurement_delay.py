@@ -17,7 +17,7 @@ LEAST = 3e-4  # s beyond what the loop has, up to which states may be older than
 KNOWN = 1e-4  # s, to which filtered motion tells one
 
 
-def _late_states(c: Context, j: int) -> np.ndarray:
+def _torque_rate(c: Context, j: int) -> np.ndarray:
     """Rate (n, 1) Nm/s of all that the motion takes: gravity is compensated where the arm was, too."""
     rate = c.samples.torque_rate[:, j]
     if not c.samples.with_gravity:
@@ -25,7 +25,7 @@ def _late_states(c: Context, j: int) -> np.ndarray:
     return stack(rate)
 
 
-def _rate(d: evidence.Drive, values: np.ndarray) -> np.ndarray:
+def _differentiate(d: evidence.Drive, values: np.ndarray) -> np.ndarray:
     return np.concatenate([np.gradient(part, d.period) for part in np.split(values, d.starts[1:])])
 
 
@@ -35,7 +35,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
         EffectRegressor(
             "measurement_delay",
             delay,
-            {Stage.DYNAMICS: _late_states},
+            {Stage.DYNAMICS: _torque_rate},
             "states are older than their stamps",
             is_arm=True,
             absorbs="motion_delay",
@@ -46,7 +46,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
             EffectRegressor(
                 "measurement_delay",
                 delay,
-                {Stage.CONTROLLER: lambda c, j: stack(-_rate(c.drive, c.drive.law[:, j]))},
+                {Stage.CONTROLLER: lambda c, j: stack(-_differentiate(c.drive, c.drive.law[:, j]))},
                 "the controller acts on older states than it reports",
                 "in the controller",
                 is_arm=True,
@@ -55,7 +55,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     return found
 
 
-def _old(values: HookContext):
+def _delay_states(values: HookContext):
     delay = DelayLine(values("delay").clip(0.0) / values.period)
 
     def sense(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -71,6 +71,6 @@ EFFECT = Effect(
     (DELAY,),
     _regressors,
     DetectionLimit("s", 5e-4),
-    sensors=SensorHook(SensorSlot.AGE, _old),
+    sensors=SensorHook(SensorSlot.AGE, _delay_states),
     sentence_template="measured states are {delay:ms older/younger} than their stamps say",
 )

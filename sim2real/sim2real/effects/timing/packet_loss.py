@@ -25,19 +25,19 @@ SURE = 10.0  # nats by which holding must fit a period better than not holding
 class LostPackets:
     """Periods in which the last command was held.
 
-    held (n,) bool: those for certain; excess (n,): nats by which holding fits each better; tellable (n,) bool: those in
+    held (n,) bool: those for certain; excess (n,): nats by which holding fits each better; distinguishable (n,) bool: those in
     which the command and the one before differ enough to tell.
     """
 
     held: np.ndarray
     excess: np.ndarray
-    tellable: np.ndarray
+    distinguishable: np.ndarray
 
     def share(self, rows: np.ndarray) -> tuple[float, float]:
         """(share of some periods (n,) bool in which the command was held, its standard error: losses come by chance)."""
         seen = rows & self.tellable
         if seen.sum() > 100:
-            found, count = _share(self.excess[seen]), seen.sum()
+            found, count = _estimate_share(self.excess[seen]), seen.sum()
         else:
             found, count = float(self.held[rows].mean()) if rows.any() else 0.0, rows.sum()
         return found, float(np.sqrt(found * (1.0 - found) / max(count, 1)))
@@ -61,7 +61,7 @@ def find_lost_packets(d: evidence.Drive) -> LostPackets:
     # In a period whose command is lost the one before acts all the time; else until the new one has come.
     step = arrived - np.vstack([arrived[:1], command[:-1]])
     excess = free - 0.5 * np.square(scaled + step).sum(axis=1)
-    tellable = 0.5 * np.square(step).sum(axis=1) > 2 * SURE
+    distinguishable = 0.5 * np.square(step).sum(axis=1) > 2 * SURE
     begins = np.zeros(len(residual), bool)
     begins[d.starts] = True
     shown, late = scaled + arrived, d.late / d.period
@@ -79,10 +79,10 @@ def find_lost_packets(d: evidence.Drive) -> LostPackets:
             if excess[i] <= SURE:
                 break
             held[i] = True
-    return LostPackets(held, np.where(held, np.inf, excess), tellable)
+    return LostPackets(held, np.where(held, np.inf, excess), distinguishable)
 
 
-def _share(excess: np.ndarray) -> float:
+def _estimate_share(excess: np.ndarray) -> float:
     """Share of periods that are held, from the nats (n,) by which holding fits each better: each counts by its probability
     (the mixture's greatest likelihood, by expectation and maximisation: Dempster et al. 1977)."""
     share = float(np.clip((excess > 0).mean(), 1e-6, 0.5))
@@ -92,7 +92,7 @@ def _share(excess: np.ndarray) -> float:
     return share
 
 
-def _missed(c: Context, j: int) -> np.ndarray:
+def _hold_change(c: Context, j: int) -> np.ndarray:
     """Change (n,) Nm of a joint's torque by the packets that were lost, the loop's own delay as without."""
     return delay_commands(c.drive, hold_command(c.drive, c.held)[:, j], c.drive.late) - c.drive.arrived[:, j]
 
@@ -106,7 +106,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
         EffectRegressor(
             "packet_loss",
             (Parameter("share", "1", 0.7 * share, 1.3 * share, 0.05 * share, share, background=known),),
-            {Stage.DRIVE: lambda c, j: stack(_missed(c, j)) / share},
+            {Stage.DRIVE: lambda c, j: stack(_hold_change(c, j)) / share},
             "a lost command leaves the last one in force",
             is_arm=True,
             acts=share,
@@ -114,7 +114,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     ]
 
 
-def _lose(values: HookContext) -> DriveFunction:
+def _lose_commands(values: HookContext) -> DriveFunction:
     share = values("share")
     share = namespace(share).amax(share, -1)[..., None]  # a packet holds the commands of all joints
     rng, last = np.random.default_rng(values.seed), None  # the same packets in all arms
@@ -133,7 +133,7 @@ EFFECT = Effect(
     (SHARE,),
     _regressors,
     DetectionLimit("1", 0.01),
-    drive=DriveHook(DriveSlot.ARRIVAL, _lose),
+    drive=DriveHook(DriveSlot.ARRIVAL, _lose_commands),
     shows_in_motion=False,
     sentence_template="{share:%} of the commands are lost",
 )

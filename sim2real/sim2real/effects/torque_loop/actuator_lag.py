@@ -36,7 +36,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     return [] if context.drive is None else [_regressor(lag) for lag in LAGS]
 
 
-def _follow(values: HookContext) -> DriveFunction:
+def _lag(values: HookContext) -> DriveFunction:
     lag, through = values("time_constant"), None
     xp = namespace(lag)
     decay = xp.where(lag > 0, xp.exp(-values.period / lag.clip(1e-9)), 0.0)
@@ -57,6 +57,6 @@ EFFECT = Effect(
     (TIME_CONSTANT,),
     _regressors,
     DetectionLimit("s", (1e-3,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
-    drive=DriveHook(DriveSlot.LAG, _follow),
+    drive=DriveHook(DriveSlot.LAG, _lag),
     sentence_template="the drive of {at} lags behind its command, with a time constant of {time_constant:ms}",
 )

@@ -25,7 +25,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     return found
 
 
-def _add(values: HookContext) -> DriveFunction:
+def _add_offset(values: HookContext) -> DriveFunction:
     offset = values("offset")
     return lambda torque: torque + offset
 
@@ -36,6 +36,6 @@ EFFECT = Effect(
     (OFFSET,),
     _regressors,
     DetectionLimit("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
-    drive=DriveHook(DriveSlot.OFFSET, _add),
+    drive=DriveHook(DriveSlot.OFFSET, _add_offset),
     sentence_template="the drive of {at} gives {offset:Nm more/less} than it is asked for",
 )

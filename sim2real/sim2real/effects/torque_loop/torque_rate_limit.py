@@ -53,10 +53,10 @@ def ramp_torque(d: evidence.Drive, values: np.ndarray, rate: float, given: np.nd
     ends = limit_rate(d, values, rate, given)
     rise = np.diff(ends, prepend=ends[:1])
     rise[d.starts] = 0.0
-    return ends - _short_of_end(rise, rate * d.period)
+    return ends - _ramp_deficit(rise, rate * d.period)
 
 
-def _short_of_end(rise: np.ndarray, step: np.ndarray | float) -> np.ndarray:
+def _ramp_deficit(rise: np.ndarray, step: np.ndarray | float) -> np.ndarray:
     """By how much the mean of a period is less than its end, of a ramp by `rise` that could have risen by `step`."""
     return 0.5 * rise * abs(rise) / step
 
@@ -86,14 +86,14 @@ def _levels(context: Context, joint: int, apart: bool, rows: np.ndarray) -> list
     return candidate_levels(asked[within], given[within & rows])
 
 
-def _follow(values: HookContext) -> DriveFunction:
+def _limit_rate(values: HookContext) -> DriveFunction:
     step, last = infinite_where_zero(values("limit")) * values.period, None
 
     def drive(torque: np.ndarray) -> np.ndarray:
         nonlocal last
         begin = torque if last is None else last
         last = namespace(torque).clip(torque, begin - step, begin + step)
-        return last - _short_of_end(last - begin, step)
+        return last - _ramp_deficit(last - begin, step)
 
     return drive
 
@@ -106,7 +106,7 @@ EFFECT = Effect(
     (LIMIT, GRAVITY_APART),
     _LIMIT.regressors,
     DetectionLimit("share of the suite's peak", (0.06,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
-    drive=DriveHook(DriveSlot.RATE, _follow, of_total=True),
+    drive=DriveHook(DriveSlot.RATE, _limit_rate, of_total=True),
     reference_regressors=_LIMIT.reference_regressors,
     sentence_template="the drive of {at} changes its torque by no more than {limit:Nm/s}",
 )

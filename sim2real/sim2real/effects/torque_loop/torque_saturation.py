@@ -43,7 +43,7 @@ def _levels(context: Context, joint: int, apart: bool, rows: np.ndarray) -> list
     return candidate_levels(d.commanded[:, joint] + held, (d.measured[:, joint] + held)[rows])
 
 
-def _clip(values: HookContext) -> hooks.DriveFunction:
+def _saturate(values: HookContext) -> hooks.DriveFunction:
     limit = infinite_where_zero(values("limit"))
     return lambda torque: namespace(torque).clip(torque, -limit, limit)
 
@@ -56,7 +56,7 @@ EFFECT = Effect(
     (LIMIT, GRAVITY_APART),
     _LIMIT.regressors,
     DetectionLimit("share of the suite's peak", (0.07,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
-    drive=DriveHook(DriveSlot.LIMIT, _clip, of_total=True),
+    drive=DriveHook(DriveSlot.LIMIT, _saturate, of_total=True),
     reference_regressors=_LIMIT.reference_regressors,
     sentence_template="the drive of {at} gives no more than {limit:Nm}",
 )

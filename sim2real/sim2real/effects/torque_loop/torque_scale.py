@@ -29,7 +29,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     return found
 
 
-def _gain(values: HookContext) -> DriveFunction:
+def _scale_torque(values: HookContext) -> DriveFunction:
     gain = 1 + values("scale")
     return lambda torque: gain * torque
 
@@ -40,6 +40,6 @@ EFFECT = Effect(
     (SCALE,),
     _regressors,
     DetectionLimit("1", (0.02, 0.01, 0.01, 0.01, 0.02, 0.02, 0.03), (1, 2, 3, 4, 5, 6, 7), largest=8),
-    drive=DriveHook(DriveSlot.GAIN, _gain),
+    drive=DriveHook(DriveSlot.GAIN, _scale_torque),
     sentence_template="the drive of {at} gives {scale:% more/less} torque than it is asked for",
 )

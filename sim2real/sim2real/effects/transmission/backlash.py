@@ -26,22 +26,24 @@ ALIKE = 0.7  # mean of +1 where twist and load agree and -1 where not: .95 of a 
 FLOATING_MODEL = 0.05
 
 
-def _side(c: Context, j: int) -> np.ndarray:
+def _load_side(c: Context, j: int) -> np.ndarray:
     """Which side of the play the load (n,) is carried by, -1..1."""
     return np.tanh(c.transmission.load[:, j] / (PLAY_TORQUE * c.arm.torque_limit[j]))
 
 
-def _floating(c: Context, j: int, share: float) -> np.ndarray:
+def _twist_side(c: Context, j: int, share: float) -> np.ndarray:
     """Side (n,) of the play at which the twist shows the gear, -1..1: all the way at a share of the twist's reach.
 
     A reference has a reach of its own, and where that is none its load says the side, as of any play that it might have had. By the
     later recordings' reach its column would be nought, and what both "have in common" would be the change itself.
     """
-    t, later = c.transmission, _reach(c, j)
-    spans = [later if c.is_later(number) else _span([w[:, j]]) for w, (number, _) in zip(t.wound, c.samples.grids)]
+    t, later = c.transmission, _twist_range(c, j)
+    spans = [
+        later if c.is_later(number) else _quantile_range([w[:, j]]) for w, (number, _) in zip(t.wound, c.samples.grids)
+    ]
     sides = [np.clip((w[:, j] - m) / (share * max(r, LEAST_REACH)), -1.0, 1.0) for w, (m, r) in zip(t.wound, spans)]
     still = {number for (number, _), (_, reach) in zip(c.samples.grids, spans) if reach <= LEAST_REACH}
-    return np.where(np.isin(t.trajectory, list(still)), _side(c, j), c.samples.filter(sides))
+    return np.where(np.isin(t.trajectory, list(still)), _load_side(c, j), c.samples.filter(sides))
 
 
 def _follows_load(c: Context, j: int) -> bool:
@@ -49,16 +51,18 @@ def _follows_load(c: Context, j: int) -> bool:
     a twist that follows the angle (an encoder's disc off its centre) or nothing (steps of an encoder)."""
     load = c.transmission.load[:, j]
     sure = (np.abs(load) > SURE_LOAD * c.arm.torque_limit[j]) & c.is_later(c.transmission.trajectory)
-    side = np.sign(load[sure]) * _floating(c, j, 0.5)[sure]
+    side = np.sign(load[sure]) * _twist_side(c, j, 0.5)[sure]
     return sure.sum() < SURE_ROWS or bool(side.mean() > ALIKE)
 
 
-def _reach(c: Context, j: int) -> tuple[float, float]:
+def _twist_range(c: Context, j: int) -> tuple[float, float]:
     """Middle of a joint's twist rad, and how far it goes to either side, in the recordings in which a play may show."""
-    return _span([w[:, j] for w, (number, _) in zip(c.transmission.wound, c.samples.grids) if c.is_later(number)])
+    return _quantile_range(
+        [w[:, j] for w, (number, _) in zip(c.transmission.wound, c.samples.grids) if c.is_later(number)]
+    )
 
 
-def _span(twists: list[np.ndarray]) -> tuple[float, float]:
+def _quantile_range(twists: list[np.ndarray]) -> tuple[float, float]:
     low, high = np.quantile(np.concatenate(twists), (EDGE, 1 - EDGE))
     return 0.5 * float(low + high), 0.5 * float(high - low)
 
@@ -70,14 +74,14 @@ def _regressors(context: Context) -> list[EffectRegressor]:
         EffectRegressor(
             "backlash",
             (Parameter("half_play", "rad", HALF_PLAY.lower, HALF_PLAY.upper, 1e-3, background=PLAY_KNOWN),),
-            {Stage.TRANSMISSION: lambda c, j, share=share: stack(_floating(c, j, share))},
+            {Stage.TRANSMISSION: lambda c, j, share=share: stack(_twist_side(c, j, share))},
             "play operator: the twist says at which side the gear is",
             f"floating, side sure at {100 * share:.0f} % of the twist's reach",
             only_joint=joint,
             model=FLOATING_MODEL,
         )
         for joint in range(len(context.arm))
-        if _reach(context, joint)[1] > LEAST_REACH and _follows_load(context, joint)
+        if _twist_range(context, joint)[1] > LEAST_REACH and _follows_load(context, joint)
         for share in SURE_AT
     ]
     return [
@@ -85,7 +89,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
         EffectRegressor(
             "backlash",
             (Parameter("half_play", "rad", HALF_PLAY.lower, HALF_PLAY.upper, 1e-3, background=PLAY_KNOWN),),
-            {Stage.TRANSMISSION: lambda c, j: stack(_side(c, j))},
+            {Stage.TRANSMISSION: lambda c, j: stack(_load_side(c, j))},
             "play operator: the motor leads by half the play, whichever side drives",
         ),
     ]

@@ -48,11 +48,11 @@ class Push:
     shove: float = 0.0
 
     @property
-    def moves(self) -> float:
+    def displacement(self) -> float:
         """m by which the object is moved."""
         return self.travel + self.slides + self.shove
 
-    def named(self, name: str) -> Push:
+    def with_name(self, name: str) -> Push:
         """The same, called so."""
         return replace(self, name=name)
 
@@ -123,7 +123,7 @@ def push(
     ahead, across = -normal, np.array([-normal[1], normal[0]])
     width = max(abs(float(corner @ across)) for corner in (resting.corners(np.zeros(2)) - resting.centre)[:, :2])
     place = resting.centre[:2] + normal * distance + across * how.share * width
-    low = max(_beside(resting, workspace, table), table + resting.height - EDGE)
+    low = max(_tip_height(resting, workspace, table), table + resting.height - EDGE)
     begin, end, last = (place - ahead * (RADIUS + back) for back in (how.run_up, -how.travel, -how.travel - how.shove))
     if not (is_reachable(begin) and is_reachable(last)):
         raise OutOfReach(f"{how.name}: the way of the tip is out of reach")
@@ -141,7 +141,7 @@ def push(
     return make_segment(how.name, np.array([*begin, high]), legs, leading_yaw(ahead))
 
 
-def _beside(resting: RestingObject, workspace: Workspace, table: float) -> float:
+def _tip_height(resting: RestingObject, workspace: Workspace, table: float) -> float:
     """Height m of the tip's end beside the object: over obstacles, no deeper than the hand allows."""
     return table + max(
         workspace.clearance + OVER if workspace.clearance else 0.0, resting.height - GRIP, 0.3 * resting.height
@@ -165,7 +165,7 @@ def scrape(name: str, resting: RestingObject, workspace: Workspace, table: float
     gap, outward = min(found, key=lambda one: one[0])
     normal, distance = max(resting.sides(), key=lambda side: float(side[0] @ outward))
     depth = 2 * distance
-    low, top = _beside(resting, workspace, table), table + resting.height - BELOW
+    low, top = _tip_height(resting, workspace, table), table + resting.height - BELOW
     place = resting.centre[:2] + normal * distance
     begin = place + outward * (RADIUS + 0.02)
     # The tip's place once the object lies flat against the obstacle, and its edge in the middle of the face.

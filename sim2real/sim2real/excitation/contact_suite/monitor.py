@@ -70,5 +70,5 @@ class SuiteMonitor:
             pose = estimate_pose(np.column_stack([corners, kept.astype(float)]), self._domain, camera=self._camera).pose
         except PoseError as error:
             raise ValueError(str(error)) from error
-        told, self._lowest = SuiteState(q, pose, self._lowest), None
-        return told
+        state, self._lowest = SuiteState(q, pose, self._lowest), None
+        return state

@@ -31,13 +31,13 @@ RADIUS = float(np.hypot(*HALF))
 
 
 @cache
-def _ready() -> np.ndarray:
+def _ready_rotation() -> np.ndarray:
     return forward_kinematics(NOMINAL.ready)[1]
 
 
 def upright_rotation(yaw: float) -> np.ndarray:
     """Rotation (3, 3) of T_E that points down, turned by `yaw` rad from where the ready posture has it."""
-    return matrix_from_vector(np.array([0.0, 0.0, yaw])) @ _ready()
+    return matrix_from_vector(np.array([0.0, 0.0, yaw])) @ _ready_rotation()
 
 
 def leading_yaw(direction: np.ndarray) -> float:

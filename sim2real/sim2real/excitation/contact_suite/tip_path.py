@@ -54,9 +54,9 @@ def make_segment(name: str, begin: np.ndarray, legs: Sequence[Leg | Oscillation]
     OutOfReach."""
     points = [np.asarray(begin, float)[None]]
     for leg in legs:
-        points.append((_swing if isinstance(leg, Oscillation) else _way)(points[-1][-1], leg))
+        points.append((_oscillation_points if isinstance(leg, Oscillation) else _leg_points)(points[-1][-1], leg))
     path, rotation = np.concatenate(points) + [0.0, 0.0, BEYOND], upright_rotation(yaw)
-    positions, q = [], _facing(path[0], yaw)
+    positions, q = [], _initial_posture(path[0], yaw)
     for number, point in enumerate(path):
         q = solve_ik(q, point, rotation, iterations=30 if number == 0 else 4, damping=0.01)
         away = np.array(pose_distance(q, point, rotation))
@@ -75,7 +75,7 @@ def make_segment(name: str, begin: np.ndarray, legs: Sequence[Leg | Oscillation]
     return Segment(name, times, positions, velocities, GAINS)
 
 
-def _facing(point: np.ndarray, yaw: float) -> np.ndarray:
+def _initial_posture(point: np.ndarray, yaw: float) -> np.ndarray:
     """The ready posture (7,) rad, turned to where T_E is to be, (3,) m, with a hand at a yaw rad.
 
     Whatever the arm has done before: an inverse kinematics that goes on from where it rests lets the elbow drift aside, by 1 rad in some touches,
@@ -114,7 +114,7 @@ def press_depth(q: np.ndarray, force: float) -> float:
     return force * float((linear / STIFFNESS_MAX @ linear.T)[2, 2])
 
 
-def _way(start: np.ndarray, leg: Leg) -> np.ndarray:
+def _leg_points(start: np.ndarray, leg: Leg) -> np.ndarray:
     """Points (n, 3) m of a leg after its start, one a knot."""
     length = float(np.linalg.norm(leg.end - start))
     # Ramps of a leg that is too short for them are shorter, and its speed is lower.
@@ -129,7 +129,7 @@ def _way(start: np.ndarray, leg: Leg) -> np.ndarray:
     return start + np.concatenate([share, rest])[:, None] * (leg.end - start)
 
 
-def _swing(start: np.ndarray, swing: Oscillation) -> np.ndarray:
+def _oscillation_points(start: np.ndarray, swing: Oscillation) -> np.ndarray:
     """Points (n, 3) m, one a knot."""
     duration = swing.count * swing.period
     time = np.arange(1, round(duration * RATE) + 1) / RATE

@@ -54,9 +54,9 @@ class RestingObject:
         """Corners (8, 3) m, moved by (2,) m."""
         return self.centre + [*shift, 0.0] + (CORNERS * self.half) @ self.rotation.T
 
-    def moved(self, shift: np.ndarray) -> RestingObject:
+    def shift(self, by: np.ndarray) -> RestingObject:
         """The same, by (2,) m elsewhere."""
-        return replace(self, centre=self.centre + [*shift, 0.0])
+        return replace(self, centre=self.centre + [*by, 0.0])
 
     @property
     def reach(self) -> float:
@@ -86,7 +86,7 @@ class Workspace:
         return bool(
             inside.all()
             and seen.all(axis=1).sum() >= SEEN
-            and all(_apart(corners[:, :2], box) for box in self.domain.obstacles)
+            and all(_is_clear_of(corners[:, :2], box) for box in self.domain.obstacles)
         )
 
     def touch_places(self, resting: RestingObject) -> list[np.ndarray]:
@@ -125,7 +125,7 @@ def is_reachable(place: np.ndarray) -> bool:
     return REACH[0] < np.linalg.norm(place) < REACH[1]
 
 
-def _apart(corners: np.ndarray, box) -> bool:
+def _is_clear_of(corners: np.ndarray, box) -> bool:
     """Whether no corner (n, 2) m is over a box, nor beyond its nearest side where it is a wall's length."""
     low, high = (
         np.array(box.centre[:2]) - box.half_size[:2] - CLEAR,
