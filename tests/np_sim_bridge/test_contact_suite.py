@@ -193,7 +193,7 @@ def test_an_object_at_the_edge_of_its_room_is_first_pushed_to_where_more_sides_h
     low = tips[tips[:, 2] < tips[:, 2].min() + 1e-3]
     way = low[np.linalg.norm(low - low[0], axis=1).argmax()] - low[0]
     travel = way[:2] * (1 - SLOW.run_up / np.linalg.norm(way[:2]))
-    assert plan.name == "push_10" and len(sides_with_room(room, lain.moved(travel), SLOW)) > before
+    assert plan.name == "push_10" and len(sides_with_room(room, lain.shift(travel), SLOW)) > before
 
 
 def test_a_tip_that_has_tapped_draws_back_at_once_and_one_that_has_pushed_rests():
