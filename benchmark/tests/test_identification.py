@@ -15,7 +15,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
 from sim2real.recordings.signals import Commands, Log
-from sim2real.simulation.simulated_arm import ArmPlant, load_plant, panda_plant
 
 from np_blind.arm import generate
 from np_blind.arm.evaluation.patched_arm import patched_physics, read_patch
@@ -34,6 +33,7 @@ from np_blind.baselines.identification import (
     likeliest_delay,
     paper_identification,
 )
+from np_blind.baselines.plant import ArmPlant, load_plant, panda_plant
 from np_control.impedance import torque
 
 pytestmark = pytest.mark.timeout(900)  # on a machine with nothing else to do all of it takes one minute

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 from sim2real.excitation.suite import make_suite
-from sim2real.simulation.simulated_arm import panda_plant
 
 from np_blind.baselines import identify
 from np_blind.baselines.identify_reference import known_arm, record
 from np_blind.baselines.methods import gap
+from np_blind.baselines.plant import panda_plant
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 from sim2real.recordings.signals import Log
-from sim2real.simulation.simulated_arm import ArmPlant
 
+from np_blind.baselines.plant import ArmPlant
 from np_control.impedance import damping
 from np_control.impedance import torque as impedance_torque
 

@@ -32,10 +32,10 @@ def main(arguments: list[str] | None = None) -> int:
     # Slow to import, and not wanted by --help.
     from sim2real.effects.patch import dump_patch
     from sim2real.recordings.reading import ContractViolation, load_log
-    from sim2real.simulation.simulated_arm import panda_plant
 
     from np_blind.baselines.closed_loop import stretches
     from np_blind.baselines.methods import as_patch, fits
+    from np_blind.baselines.plant import panda_plant
 
     budget, plant = Budget(**{name: getattr(options, name) for name in vars(Budget())}), panda_plant()
     try:

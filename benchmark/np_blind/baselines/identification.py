@@ -12,10 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from sim2real.simulation.simulated_arm import ArmPlant
 
 from np_blind.baselines.budget import Budget
 from np_blind.baselines.closed_loop import Replay, Stretch
+from np_blind.baselines.plant import ArmPlant
 
 JOINT = ("frictionloss", "damping", "armature")
 EVERYTHING = (*JOINT, "gain", "mass", "com")

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 from sim2real.excitation.suite import make_suite
-from sim2real.simulation.simulated_arm import ArmPlant, load_plant, panda_plant
 
 from np_blind.baselines.budget import Budget
 from np_blind.baselines.closed_loop import Stretch, stretches
@@ -26,6 +25,7 @@ from np_blind.baselines.drive_log import read_drive_log
 from np_blind.baselines.identification import JOINT, likeliest_delay
 from np_blind.baselines.identify_reference import known_arm, record
 from np_blind.baselines.methods import compare, gap
+from np_blind.baselines.plant import ArmPlant, load_plant, panda_plant
 from np_common.cli import Parser
 
 FITTED, HELD_OUT = (

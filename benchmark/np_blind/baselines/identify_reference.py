@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 import mujoco
 import numpy as np
 from sim2real.excitation.suite import Segment
-from sim2real.simulation.simulated_arm import panda_plant
 
 from np_blind.baselines.closed_loop import FIELDS, Stretch, stretch
+from np_blind.baselines.plant import panda_plant
 from np_control.controller import Controller, ControllerConfig
 
 PERIOD_NS = 2_000_000

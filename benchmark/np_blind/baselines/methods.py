@@ -11,7 +11,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.simulation.simulated_arm import ArmPlant
 
 from np_blind.baselines.budget import Budget
 from np_blind.baselines.closed_loop import INERTIA, Replay, Stretch
@@ -26,6 +25,7 @@ from np_blind.baselines.identification import (
     paper_identification,
     root,
 )
+from np_blind.baselines.plant import ArmPlant
 
 
 def gap(plant: ArmPlant, recorded: list[Stretch], values: Mapping[str, np.ndarray], threads: int = 0) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Rigid-body dynamics of the nominal arm at the samples of a recording, as effects ask for them."""
+"""Rigid-body dynamics of the nominal arm at the samples of a recording."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sim2real.recordings.signals import Samples
 
 
 class SampledDynamics:
-    """What `sim2real.effects.evidence.RigidBody` describes; regressors are computed once a link."""
+    """Dynamics of k joints at n samples; regressors are computed once a link."""
 
     def __init__(self, arm: Arm, samples: Samples, prediction: Prediction):
         self._arm, self._samples, self._prediction = arm, samples, prediction

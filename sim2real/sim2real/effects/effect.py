@@ -81,10 +81,6 @@ class Disturbance:
     """(8, 2) px, the disturbance of the image before."""
 
 
-def _no_regressors(context: Context) -> list[EffectRegressor]:
-    return []
-
-
 @dataclass(frozen=True, eq=False)
 class Effect:
     """An effect of the arm, of the camera with what finds keypoints, or of the scene, by its `target`.
@@ -95,7 +91,7 @@ class Effect:
     id: str
     target: EffectTarget
     quantities: tuple[Quantity, ...]
-    regressors: Callable[[Context], list[EffectRegressor]] = _no_regressors
+    regressors: Callable[[Context], list[EffectRegressor]] = lambda context: []
     """Every way in which it can show in a recording of the arm."""
     detection_limit: DetectionLimit | None = None
     sentence_template: str = ""

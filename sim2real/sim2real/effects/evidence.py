@@ -1,193 +1,156 @@
-"""What a recording shows, as far as effects may look at it. The doctor fills it; effects only read it.
+"""What a recording shows, as far as effects may look at it. The diagnosis fills it; effects only read it.
 
-The arm's model, its dynamics and the samples are the doctor's: here stands what effects use of them.
+Arrays have n rows and k joints, base to tip.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-
-class ArmProperties(Protocol):
-    """The nominal arm, k joints base to tip; SI units. rest (k,): posture in which a cable pulls with its offset only; tip
-    (3,) m: tool point in the last link."""
-
-    joints: tuple[str, ...]
-    rest: np.ndarray
-    tip: np.ndarray
-    gravity: np.ndarray
-    torque_limit: np.ndarray
-    frictionloss: np.ndarray
-    damping: np.ndarray
-    armature: np.ndarray
-
-    def __len__(self) -> int: ...
-
-
-class RecordedLog(Protocol):
-    """A recording: duration s."""
-
-    @property
-    def duration(self) -> float: ...
-
-
-class RecordedSamples(Protocol):
-    """Filtered motion: time (n,) s within its trajectory (n,), position, velocity, acceleration (n, k), torque_rate (n, k)
-    Nm/s; with_gravity: whether the torque holds the arm's weight as well."""
-
-    time: np.ndarray
-    trajectory: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    torque_rate: np.ndarray
-    with_gravity: bool
-    grids: Sequence[tuple[int, np.ndarray]]
-
-    def __len__(self) -> int: ...
-
-    def filter_function(self, joint: int, function: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
-        """function(position (m,), velocity (m,)) of a joint on the fine grid, through the filter: (n,)."""
-
-    def filter(self, parts: list[np.ndarray]) -> np.ndarray:
-        """Values (m,) on the fine grid of each stretch, through the filter: (n,)."""
+if TYPE_CHECKING:  # effects are loaded by simulators too, which have no use for the diagnosis
+    from sim2real.arm.model import Arm
+    from sim2real.arm.rigid_body import LinkMotion
+    from sim2real.arm.sampled_dynamics import SampledDynamics
+    from sim2real.recordings.signals import Log, Samples
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Nominal torques of samples, all (n, k) Nm.
-
-    gravity: holds the arm; inertial: accelerates it, Coriolis included, rotors not; rotors; friction. `total`
-    is what the sensor should have shown (with gravity only if the sensor does); load: through the gear;
-    direction (n, k): that of motion, -1..1. motion: of the links, as the doctor
-    has it; gravity_slope (n, k, k): change of joint i's
-    gravity torque with position j; inertia (n, k, k): torque of joint i that turns link j about its own centre;
-    link_errors (n, c) of each joint: one standard deviation of what any arm's links are off by, component by component.
-    """
+    """Nominal torques of samples, in Nm."""
 
     gravity: np.ndarray
+    """(n, k), holds the arm."""
     inertial: np.ndarray
+    """(n, k), accelerates it, Coriolis terms included, rotors not."""
     rotors: np.ndarray
+    """(n, k), accelerates the rotors."""
     friction: np.ndarray
+    """(n, k), overcomes joint friction and damping."""
     total: np.ndarray
+    """(n, k), what the sensor should have shown; with gravity only if the sensor's torque has it."""
     load: np.ndarray
+    """(n, k), through the gear."""
     direction: np.ndarray
-    motion: object
+    """(n, k), direction of motion, -1..1."""
+    motion: LinkMotion
+    """Motion of the links."""
     gravity_slope: np.ndarray
+    """(n, k, k) Nm/rad, change of joint i's gravity torque with position j."""
     inertia: np.ndarray
+    """(n, k, k), torque of joint i that turns link j about its own centre of mass."""
     link_errors: tuple[np.ndarray, ...]
-
-
-class RigidBody(Protocol):
-    """Rigid-body dynamics of the nominal arm at the samples."""
-
-    def regressor(self, link: int) -> np.ndarray:
-        """Change (n, k, 10) of the torques with mass, moments (3) and inertia (6) of one link."""
-
-    def mass_centre_change(self, link: int) -> np.ndarray:
-        """Change (n, k, 3) of the torques with a link's m c along x, y, z; its inertia about its centre stays."""
-
-    def gravity_torque(self, gravity: np.ndarray) -> np.ndarray:
-        """Torque (n, k) Nm that holds the arm under another gravity (3,) m/s^2."""
-
-    def link_inertia_traces(self) -> np.ndarray:
-        """Inertia (k,) kg m^2 of each link about its own centre, as a number."""
-
-    def links_moved_by(self, joint: int) -> list[int]:
-        """Links that a joint turns."""
+    """(n, c) of each joint: one standard deviation of the links' usual errors, component by component."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Commands and their answers, one row a period: n rows, k joints.
-
-    time (n,) s, trajectory (n,); period s; starts: rows at which a stretch without a gap begins. law,
-    commanded, measured (n, k) Nm without gravity: the law replayed, what was asked for, what came; error
-    (n, k) rad: joint target with its lead, minus position; velocity, target_velocity (n, k) rad/s; stiffness
-    (n, k) Nm/rad, damping (n, k) Nms/rad: the gains in force; gravity (n, k) Nm; guarded (n, k) bool: commands
-    that the controller's guards cut, which the law does not tell. late s: what the loop is late by before any effect;
-    arrived (n, k) Nm: the commands so much later, which is what a drive has to work with. is_replayed: whether law, error and
-    gains are known; of another arm's controller they may not be.
-    """
+    """Commands and their answers, one row a control period; torques (n, k) Nm without gravity."""
 
     time: np.ndarray
+    """(n,) s within its trajectory."""
     trajectory: np.ndarray
+    """(n,) number of the recording."""
     period: float
+    """s, control period."""
     starts: np.ndarray
+    """Rows at which a stretch without a gap begins."""
     law: np.ndarray
+    """Torque of the controller's law, replayed."""
     commanded: np.ndarray
+    """Torque that the controller commanded."""
     measured: np.ndarray
+    """Torque that was measured in the next period."""
     error: np.ndarray
+    """(n, k) rad, joint target with its lead, minus position."""
     velocity: np.ndarray
+    """(n, k) rad/s."""
     target_velocity: np.ndarray
+    """(n, k) rad/s."""
     stiffness: np.ndarray
+    """(n, k) Nm/rad, gain in force."""
     damping: np.ndarray
+    """(n, k) Nms/rad, gain in force."""
     gravity: np.ndarray
+    """Torque that holds the arm."""
     guarded: np.ndarray
+    """(n, k) bool: commands clipped by the controller's guards, which the law does not contain."""
     late: float
+    """s, delay of the loop before any effect."""
     arrived: np.ndarray
+    """Commanded torque after that delay: what a drive receives."""
     is_replayed: bool = True
+    """Whether law, error and gains are known; of another arm's controller they may not be."""
 
     def only(self, rows: np.ndarray) -> Drive:
         """These rows (n,) bool alone, which are whole stretches."""
         if rows.all():
             return self
-        own = {f.name: getattr(self, f.name) for f in fields(self)}
-        kept = {name: x[rows] for name, x in own.items() if isinstance(x, np.ndarray) and name != "starts"}
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        selected = {name: x[rows] for name, x in values.items() if isinstance(x, np.ndarray) and name != "starts"}
         begins = np.zeros(len(rows), bool)
         begins[self.starts] = True
-        return replace(self, **kept, starts=np.flatnonzero(begins[rows]))
+        return replace(self, **selected, starts=np.flatnonzero(begins[rows]))
 
 
 @dataclass(frozen=True, eq=False)
 class Transmission:
-    """Motor side: time (n,), trajectory (n,), twist (n, k) rad = motor - joint, load (n, k) Nm through the
-    gear with gravity, load_rate (n, k) Nm/s. wound: the twist of each stretch (m, k) on the samples' fine
-    grid, without the noise of its two encoders: what the load winds up in proportion, and of the rest what is
-    no noise."""
+    """The motor's side of the gear."""
 
     time: np.ndarray
+    """(n,) s within its trajectory."""
     trajectory: np.ndarray
+    """(n,) number of the recording."""
     twist: np.ndarray
+    """(n, k) rad, motor minus joint angle."""
     load: np.ndarray
+    """(n, k) Nm through the gear, with gravity."""
     load_rate: np.ndarray
+    """(n, k) Nm/s."""
     wound: tuple[np.ndarray, ...]
+    """Twist (m, k) of each stretch on the samples' fine grid without the noise of its two encoders: the part in proportion
+    to the load, and the part of the rest that is no noise."""
 
 
 @dataclass(frozen=True, eq=False)
 class Context:
-    """What effects may look at.
+    """What effects may look at."""
 
-    drive: None without commands. transmission: None without motor angles. ripples: orders per revolution found, by joint.
-    quanta (k,) rad: step of each encoder, 0 where none shows. held (n,) bool: periods of the drive in which the last command
-    was held, None without drive; held_share: their share, held_error: its standard error, since losses come by chance.
-    With a reference, quanta are 0 where they are as they were, and held_share is by how much more are lost now, with the
-    periods now lost in held where that is sure, and none where it is not; set_aside (n,) bool: lost periods of which
-    nothing is asked, since the arm had such before.
-    logs: the recordings, one after the other; reference: of how many of them, the first ones, the arm is what the others
-    are compared with. 0: with the nominal arm. constant (n, k) Nm: what a share of error of a motor's torque constant is a
-    share of, where torque is a current times a constant that the recording itself had to tell; None where it was measured.
-    """
-
-    arm: ArmProperties
-    logs: Sequence[RecordedLog]
-    samples: RecordedSamples
+    arm: Arm
+    """The nominal arm."""
+    logs: Sequence[Log]
+    """The recordings, one after the other."""
+    samples: Samples
+    """Filtered samples of all recordings."""
     prediction: Prediction
-    rigid: RigidBody
+    """Nominal torques of the samples."""
+    rigid: SampledDynamics
+    """Rigid-body dynamics at the samples."""
     drive: Drive | None
+    """Commands and answers; None without commands."""
     transmission: Transmission | None
+    """None without motor angles."""
     ripples: Mapping[int, tuple[int, ...]]
+    """Orders of torque ripple per revolution that were found, by joint."""
     held: np.ndarray | None
+    """(n,) bool: periods of the drive in which the last command stayed in force; None without drive. With a reference: the
+    lost ones where surely more are lost than before."""
     held_share: float
+    """Share of those periods; with a reference, by how much more are lost."""
     quanta: np.ndarray
+    """(k,) rad, step of each encoder, 0 where none shows, or where it is as it was in the reference."""
     held_error: float = 0.0
+    """Standard error of `held_share`, since losses come by chance."""
     set_aside: np.ndarray | None = None
+    """(n,) bool: lost periods that are ignored, since the arm had such before."""
     reference: int = 0
+    """Number of recordings, the first ones, with which the others are compared; 0: the nominal arm."""
     constant: np.ndarray | None = None
+    """(n, k) Nm per relative error of a motor's torque constant, where the recording itself determined the constants; None
+    where torque was measured."""
 
     def is_later(self, trajectory: np.ndarray) -> np.ndarray:
         """Whether rows (n,) of these recordings, by number, are of the recordings in which effects may show: all, or those after the reference."""

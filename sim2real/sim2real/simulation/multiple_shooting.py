@@ -20,7 +20,7 @@ from np_description.panda import JOINT_NAMES
 from sim2real.effects.arm_effects import ArmEffects
 from sim2real.effects.patch import Patch
 from sim2real.recordings.signals import Log
-from sim2real.simulation.simulated_arm import panda_plant
+from sim2real.simulation.simulated_arm import compile_arm, panda_spec
 from sim2real.thresholds import THRESHOLDS
 
 SHOT = THRESHOLDS.simulation
@@ -110,7 +110,7 @@ def simulate_departures(recorded: ShootingWindows, patches: Sequence[Patch]) -> 
     Raises FloatingPointError where a simulation diverges.
     """
     count, number = len(recorded), len(patches)
-    models = [panda_plant(patch.panda(), recorded.period).model for patch in patches]
+    models = [compile_arm(panda_spec(patch.panda(), recorded.period)) for patch in patches]
     batch = Batch(models[0], count * number, int(os.environ.get("OMP_NUM_THREADS", "0")))
     batch.set_models([model for model in models for _ in range(count)])
     w = {

@@ -6,7 +6,6 @@ import numpy as np
 
 from np_common.rotations import namespace
 from sim2real.effects.effect import DetectionLimit, Effect, EffectTarget, Quantity
-from sim2real.effects.evidence import Context
 from sim2real.effects.hooks import HookContext, SensorHook, SensorSlot
 from sim2real.effects.regressor import EffectRegressor, Parameter
 
@@ -39,10 +38,6 @@ def find_quantum(position: np.ndarray) -> float:
     return quantum if small.sum() > 100 and np.mean(off[small] < 0.05) > 0.95 else 0.0
 
 
-def _regressors(context: Context) -> list[EffectRegressor]:
-    return []  # it competes with nothing: `find_quantum` tells it
-
-
 def _quantise(values: HookContext):
     step = values("step")
     xp, coarse = namespace(step), step > 0
@@ -58,8 +53,7 @@ EFFECT = Effect(
     "encoder_quantisation",
     EffectTarget.JOINT,
     (STEP,),
-    _regressors,
-    DetectionLimit("rad", (4e-5,) * 7, (1, 2, 3, 4, 5, 6, 7)),
+    detection_limit=DetectionLimit("rad", (4e-5,) * 7, (1, 2, 3, 4, 5, 6, 7)),
     sensors=SensorHook(SensorSlot.STEP, _quantise),
     shows_in_motion=False,
     sentence_template="the encoder of {at} reads in steps of {step:mrad}",
