@@ -17,6 +17,7 @@ class Consequences:
     """The patch of a diagnosis, and what was done with it."""
 
     patch: Patch
+    """Effects of the diagnosis that a simulator gets."""
     left_out: Sequence[str] = ()
     """Effects that are not in the patch, since they bring the closed loop no nearer."""
     closed_loop: dict | None = None

@@ -20,35 +20,48 @@ UNLIMITED_SPEED = 10.0  # rad/s, likewise
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """Hinges base to tip, n of them; SI units.
-
-    parent (n,): index of the link that carries each joint, -1 for the base. At reference angle: offset (n, 3)
-    m and rotation (n, 3, 3), the joint's frame in its parent link (the base: in the world); axis (n, 3) unit
-    vector in its own frame. mass (n,); moment (n, 3) = m c; inertia (n, 3, 3) about the joint's origin, axes
-    of the link frame, all that hangs rigidly on the link included. tip (3,): tool point in the last link. name: of the
-    model, by which a patch says whose it is.
-    """
+    """Hinges base to tip, n of them; SI units. At the reference angles each joint's frame stands in its parent link's."""
 
     joints: tuple[str, ...]
+    """Names of the joints."""
     parent: np.ndarray
+    """(n,), index of the link that carries each joint, -1 for the base."""
     offset: np.ndarray
+    """(n, 3) m, origin of the joint's frame in its parent link (the base: in the world)."""
     rotation: np.ndarray
+    """(n, 3, 3), orientation of that frame."""
     axis: np.ndarray
+    """(n, 3), unit vector in the joint's own frame."""
     reference: np.ndarray
+    """(n,) rad, angles at which offset and rotation hold."""
     mass: np.ndarray
+    """(n,) kg, of the link and all that hangs rigidly on it."""
     moment: np.ndarray
+    """(n, 3) kg m, mass times centre of mass, in the link's frame."""
     inertia: np.ndarray
+    """(n, 3, 3) kg m^2 about the joint's origin, axes of the link's frame."""
     tip: np.ndarray
+    """(3,) m, tool point in the last link."""
     gravity: np.ndarray
+    """(3,) m/s^2 in the world."""
     position_lower: np.ndarray
+    """(n,) rad."""
     position_upper: np.ndarray
+    """(n,) rad."""
     velocity_limit: np.ndarray
+    """(n,) rad/s."""
     torque_limit: np.ndarray
+    """(n,) Nm."""
     frictionloss: np.ndarray
+    """(n,) Nm, Coulomb friction."""
     damping: np.ndarray
+    """(n,) Nms/rad."""
     armature: np.ndarray
+    """(n,) kg m^2, inertia of the rotor at the joint."""
     rest: np.ndarray
+    """(n,) rad, resting posture."""
     name: str
+    """Name of the model, which a patch states."""
 
     def __len__(self) -> int:
         return len(self.joints)

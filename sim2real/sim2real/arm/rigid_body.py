@@ -25,16 +25,20 @@ CHUNK = 4096  # states that fit into the cache together
 
 @dataclass(frozen=True, eq=False)
 class LinkMotion:
-    """Each link's motion in its own frame: rate, turning, linear (k, 3, n) rad/s, rad/s^2, m/s^2, the last of
-    the joint's origin and with gravity as an upward acceleration; origin (k, 3, n) m and rotation
-    (k, 3, 3, n) in the world; axis (k, 3, n) in the world."""
+    """Each link's motion in its own frame, k links and n states."""
 
     rate: np.ndarray
+    """(k, 3, n) rad/s."""
     turning: np.ndarray
+    """(k, 3, n) rad/s^2."""
     linear: np.ndarray
+    """(k, 3, n) m/s^2, acceleration of the joint's origin, with gravity as an upward acceleration."""
     origin: np.ndarray
+    """(k, 3, n) m in the world."""
     rotation: np.ndarray
+    """(k, 3, 3, n), link to world."""
     axis: np.ndarray
+    """(k, 3, n) in the world."""
 
 
 def forward_recursion(arm: Arm, q, dq=None, ddq=None, gravity=None) -> LinkMotion:

@@ -16,10 +16,12 @@ from sim2real.effects.gravity import GravityTorque
 
 @dataclass(frozen=True)
 class Arrays:
-    """array: of numbers; hold(panda, tilt): the torque (..., 7) Nm that holds that arm at angles (..., 7) rad."""
+    """A library of arrays."""
 
     array: Callable[[np.ndarray], np.ndarray]
+    """Makes an array of the library from numbers."""
     hold: Callable[..., Callable[[np.ndarray], np.ndarray]]
+    """(panda, tilt) -> function from angles (..., 7) rad to the torque (..., 7) Nm that holds that arm."""
 
 
 NUMPY = Arrays(np.asarray, GravityTorque)

@@ -43,10 +43,13 @@ class Quantity:
     """A number that a patch gives for an effect, mostly a change against the nominal simulator."""
 
     name: str
+    """Its name in a patch."""
     unit: str
+    """SI; px in images."""
     lower: float
     """Physical range, wider than that of the diagnosis: other estimators put more into one effect."""
     upper: float
+    """Likewise."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,7 @@ class DetectionLimit:
     """
 
     unit: str
+    """Unit of `limit`."""
     limit: float | tuple[float, ...]
     """One number, or one a joint, base to wrist."""
     joints: tuple[int, ...] = ()
@@ -75,6 +79,7 @@ class Disturbance:
     """What a random effect of the keypoints gets, once an image; in training it is of n images, with tensors (n, ...)."""
 
     quantities: QuantityValues
+    """The effect's quantities in the patch."""
     rng: np.random.Generator
     """Generator of this image alone, so that the same recording has the same draws."""
     last: np.ndarray
@@ -89,11 +94,15 @@ class Effect:
     """
 
     id: str
+    """Its name in patches, reports and the catalogue."""
     target: EffectTarget
+    """What it changes."""
     quantities: tuple[Quantity, ...]
+    """What a patch may give for it."""
     regressors: Callable[[Context], list[EffectRegressor]] = lambda context: []
     """Every way in which it can show in a recording of the arm."""
     detection_limit: DetectionLimit | None = None
+    """From which size on it shows; None: it is not drawn in the blind test."""
     sentence_template: str = ""
     """Half a sentence with the quantities in braces (`sentences`); "": its name and its numbers."""
     catalogue_row: Mapping[str, str] | None = None

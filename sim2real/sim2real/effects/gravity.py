@@ -11,12 +11,14 @@ from np_description.panda import NOMINAL, PandaModel
 
 @dataclass(frozen=True, eq=False)
 class GravityModel:
-    """share: of the nominal gravity torque that is compensated; bias (7,) rad: by which the angles are read wrong that it is
-    compensated at; tilt: (roll, pitch) rad of the base."""
+    """How gravity and its compensation differ from the nominal arm's."""
 
     share: float = 1.0
+    """Share of the nominal gravity torque that is compensated."""
     bias: np.ndarray = field(default_factory=lambda: np.zeros(7))
+    """(7,) rad, error of the angles at which it is compensated."""
     tilt: tuple[float, float] = (0.0, 0.0)
+    """(roll, pitch) rad of the base."""
 
 
 class GravityTorque:

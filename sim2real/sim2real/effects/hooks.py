@@ -22,15 +22,20 @@ ResistanceFunction = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class HookContext:
-    """An effect's quantities in the patches of all arms. lead: () for one arm, (S,) for S; period s; seed of what is random;
-    begin (*lead) s for which the arms had been moving; arrays: what they are arrays of."""
+    """An effect's quantities in the patches of all arms."""
 
     of: Callable[[str], np.ndarray]
+    """Name of a quantity -> its values (*lead, 7) as a NumPy array."""
     lead: tuple[int, ...]
+    """() for one arm, (S,) for S arms."""
     period: float
+    """s, control period."""
     seed: int
+    """Seed of what is random."""
     begin: np.ndarray
+    """(*lead) s for which the arms had been moving."""
     arrays: Arrays = NUMPY
+    """The library of the hooks' arrays."""
 
     def __call__(self, name: str) -> np.ndarray:
         """A quantity (*lead, 7) by joint, 0 where the effect is not."""
@@ -60,12 +65,14 @@ class SensorSlot(IntEnum):
 
 @dataclass(frozen=True)
 class DriveHook:
-    """What a drive makes of the commanded torque. of_total: of all that it gives, the gravity that it compensates included,
-    but in joints with the quantity `gravity_apart`."""
+    """What a drive makes of the commanded torque."""
 
     slot: DriveSlot
+    """When it acts."""
     make: Callable[[HookContext], DriveFunction]
+    """Makes the function of one simulation."""
     of_total: bool = False
+    """Whether it acts on all torque of the drive, compensated gravity included, except in joints with the quantity `gravity_apart`."""
 
 
 @dataclass(frozen=True)
@@ -73,9 +80,11 @@ class SensorHook:
     """What sensors make of angle, speed and torque (..., 7) each."""
 
     slot: SensorSlot
+    """When it acts."""
     make: Callable[
         [HookContext], Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
     ]
+    """Makes the function of one simulation."""
 
 
 class DelayLine:

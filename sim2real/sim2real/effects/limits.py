@@ -29,15 +29,14 @@ LimitFunction = Callable[[Drive, np.ndarray, float, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class DriveLimit:
-    """A limit that the drive of a joint may have, as recordings show it.
-
-    limit_torque: what it leaves of torques. levels: limits to try, of (context, joint, whether gravity is apart, rows (n,) bool of the drive).
-    regressor: of (limit, joint, whether gravity is apart).
-    """
+    """A limit that the drive of a joint may have, as recordings show it."""
 
     limit_torque: LimitFunction
+    """What the limit leaves of torques."""
     levels: Callable[[Context, int, bool, np.ndarray], list[float]]
+    """(context, joint, whether gravity is apart, rows (n,) bool of the drive) -> limits to try."""
     regressor: Callable[[float, int, bool], EffectRegressor]
+    """(limit, joint, whether gravity is apart) -> regressor."""
 
     def regressors(self, context: Context) -> list[EffectRegressor]:
         """Every level of each joint, in the reading that its drive is asked for."""

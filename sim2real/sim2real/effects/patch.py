@@ -25,11 +25,14 @@ LEAST_ARMATURE = 1e-3  # kg m^2, below which a simulator's steps would have to b
 
 @dataclass(frozen=True)
 class PatchEffect:
-    """One effect: id, component (a joint's name, "arm", or the part of view or scene), parameters in SI units, px in images."""
+    """One effect of a patch."""
 
     effect: str
+    """Its id."""
     component: str
+    """A joint's name, "arm", or the part of camera or scene."""
     parameters: Mapping[str, float]
+    """Values by quantity, SI units, px in images."""
 
     @property
     def definition(self) -> Effect:
@@ -51,6 +54,7 @@ class Patch:
     """Effects that are in force together."""
 
     effects: tuple[PatchEffect, ...] = field(default=())
+    """In the order of the file."""
 
     @property
     def arm(self) -> Patch:

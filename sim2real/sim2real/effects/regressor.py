@@ -23,9 +23,13 @@ class Parameter:
     """A coefficient: a change against the nominal simulator, N(centre, prior^2) before any data, within bounds."""
 
     name: str
+    """Name of the quantity."""
     unit: str
+    """Its unit."""
     lower: float
+    """Smallest value."""
     upper: float
+    """Largest value."""
     prior: float
     """Standard deviation of the prior."""
     centre: float = 0.0
@@ -47,8 +51,11 @@ class NonlinearParameter:
     """A parameter that the columns are not linear in; the search knows a grid of it, and it is refined afterwards."""
 
     name: str
+    """Name of the quantity."""
     unit: str
+    """Its unit."""
     value: float
+    """Its value in this regressor."""
     rebuild: Callable[[float], EffectRegressor]
     """The regressor at another value."""
     linear: bool = False
@@ -74,6 +81,7 @@ class EffectRegressor:
     id: str
     """Id of the effect."""
     parameters: tuple[Parameter, ...]
+    """Coefficients of the columns."""
     columns: Mapping[Stage, Columns]
     """Stage -> function(context, joint) -> (n, parameters), residual per unit."""
     source: str
@@ -81,6 +89,7 @@ class EffectRegressor:
     variant: str = ""
     """What tells it from other regressors of this id, in words."""
     nonlinear: NonlinearParameter | None = None
+    """The parameter in which the columns are not linear."""
     is_arm: bool = False
     """Whether it is of the whole arm."""
     component: str = "arm"

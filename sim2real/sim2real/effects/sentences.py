@@ -22,8 +22,11 @@ class ValueWithInterval:
     """
 
     value: float
+    """The estimate."""
     low: float
+    """Lower end of its interval."""
     high: float
+    """Upper end."""
 
     def __format__(self, spec: str) -> str:
         unit, _, words = spec.partition(" ")

@@ -18,16 +18,16 @@ AMBIGUITY = THRESHOLDS.ambiguity
 
 @dataclass(frozen=True, eq=False)
 class Ambiguity:
-    """Models that explain a recording about equally well.
-
-    names: ids of the effects that tell each model from the others; joints: by number, in which the models differ;
-    component: at which they do.
-    """
+    """Models that explain a recording about equally well."""
 
     models: tuple[ScoredModel, ...]
+    """The chosen model, then its rivals."""
     names: tuple[tuple[str, ...], ...]
+    """Ids of the effects that distinguish each model from the others."""
     joints: tuple[int, ...]
+    """Numbers of the joints in which the models differ."""
     component: str
+    """Component at which they differ."""
 
 
 def find_open_question(diagnosis: Diagnosis) -> tuple[Finding, Ambiguity] | None:

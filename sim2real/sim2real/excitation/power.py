@@ -54,16 +54,16 @@ LARGEST_LOG_ODDS = 30.0  # nats, beyond which odds are certainty
 
 @dataclass(frozen=True)
 class ExperimentPower:
-    """What an experiment is expected to say.
-
-    probability: that the true model leads all it can be told from by `POWER.decisive` nats in the end; nats: expected
-    log Bayes factor against the nearest of them; sigma: the same as a distance in standard deviations, sqrt(2 nats).
-    """
+    """What an experiment is expected to say."""
 
     name: str
+    """Name of the experiment."""
     duration: float
+    """s."""
     probability: float
+    """That the true model leads all that it can be told from by `POWER.decisive` nats in the end."""
     nats: float
+    """Expected log Bayes factor against the nearest of them."""
 
     @property
     def sigma(self) -> float:
@@ -203,12 +203,16 @@ def _rank_experiments(search: ModelSearch, question: Ambiguity, seed: int) -> di
 
 @dataclass(frozen=True, eq=False)
 class _Belief:
-    """A model after the recording: parameters (p,) by id N(mean, covariance), noise variance by cell."""
+    """A model after the recording: N(mean, covariance) of p parameters."""
 
     ids: np.ndarray
+    """(p,), numbers of the parameters."""
     mean: np.ndarray
+    """(p,)."""
     covariance: np.ndarray
+    """(p, p)."""
     variance: dict[tuple[str, int], float]
+    """Noise variance by cell."""
 
     @classmethod
     def of(

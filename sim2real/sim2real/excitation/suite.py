@@ -32,17 +32,18 @@ LOW_DAMPING = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """One motion: knots of a trajectory and the gains that it is followed with.
-
-    times (n,) s from its start, positions (n, 7) rad, velocities (n, 7) rad/s; gains (2, 7): rows stiffness
-    Nm/rad, damping ratio.
-    """
+    """One motion: knots of a trajectory and the gains that it is followed with."""
 
     name: str
+    """Name of the experiment."""
     times: np.ndarray
+    """(n,) s from its start."""
     positions: np.ndarray
+    """(n, 7) rad."""
     velocities: np.ndarray
+    """(n, 7) rad/s."""
     gains: np.ndarray
+    """(2, 7), rows stiffness Nm/rad, damping ratio."""
 
     @property
     def duration(self) -> float:
@@ -57,13 +58,18 @@ class Segment:
 
 @dataclass(frozen=True, eq=False)
 class _Experiment:
-    """A motion about a posture; rate: knots a second."""
+    """A motion about a posture."""
 
     posture: np.ndarray
+    """(7,) rad."""
     duration: float
+    """s."""
     motion: Motion
+    """Offsets from the posture and their velocities."""
     rate: float = 50.0
+    """Knots per second."""
     damping_ratio: float = 1.0
+    """Damping ratio of all joints."""
 
     def segment(self, name: str) -> Segment:
         # Knots lie on the motion's own corners, multiples of the rate, where there are any.

@@ -20,49 +20,56 @@ DECIMATION = 20  # samples come at 25 Hz: a kernel is about as wide as their dis
 
 @dataclass(frozen=True, eq=False)
 class Commands:
-    """Answers of the controller.
-
-    rows (m,): rows of the log that they answer; target (m, k) rad, target_velocity (m, k) rad/s, torque (m, k)
-    Nm without gravity; in force at torque_time (m,) s. stiffness (m, k) Nm/rad, damping (m, k) Nms/rad: gains
-    the controller was told to use. feedforward: whether the law adds the target's inertial torque. has_law: whether law and
-    gains are known at all; of another arm's controller they may not be.
-    """
+    """m answers of the controller, k joints."""
 
     rows: np.ndarray
+    """(m,), rows of the log that they answer."""
     target: np.ndarray
+    """(m, k) rad."""
     target_velocity: np.ndarray
+    """(m, k) rad/s."""
     torque: np.ndarray
+    """(m, k) Nm without gravity."""
     torque_time: np.ndarray
+    """(m,) s from which the torque is in force."""
     stiffness: np.ndarray
+    """(m, k) Nm/rad that the controller was told to use."""
     damping: np.ndarray
+    """(m, k) Nms/rad, likewise."""
     feedforward: bool = True
+    """Whether the law adds the target's inertial torque."""
     has_law: bool = True
+    """Whether law and gains are known; of another arm's controller they may not be."""
 
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """One recording, k joints in the arm's order.
-
-    time (n,) s, increasing; position (n, k) rad; velocity (n, k) rad/s; torque (n, k) Nm, measured, of the
-    moments torque_time (n,) s. with_gravity: whether torque includes that which holds the arm.
-    commands: what the controller asked for, None where not recorded. motor (n, k) rad: angle before the gear
-    on the joint's side of the ratio, None where the backend has none. phases: (s, phase) of what began when. is_current:
-    whether `torque` is the motors' current in A as yet (`recordings.motor_current`); per_ampere (k,) Nm/A: by which it has been
-    made a torque, where that had to be estimated.
-    """
+    """One recording, n rows of k joints in the arm's order."""
 
     name: str
+    """Name of the file or folder."""
     time: np.ndarray
+    """(n,) s, increasing."""
     position: np.ndarray
+    """(n, k) rad."""
     velocity: np.ndarray
+    """(n, k) rad/s."""
     torque: np.ndarray
+    """(n, k) Nm, measured."""
     torque_time: np.ndarray
+    """(n,) s, moments of the torques."""
     with_gravity: bool
+    """Whether torque includes that which holds the arm."""
     commands: Commands | None = None
+    """What the controller commanded; None where not recorded."""
     motor: np.ndarray | None = None
+    """(n, k) rad, angle before the gear on the joint's side of the ratio; None where the backend has none."""
     phases: tuple[tuple[float, PhaseState], ...] = ()
+    """(s, phase), when each phase began."""
     is_current: bool = False
+    """Whether `torque` is the motors' current in A as yet (`recordings.motor_current`)."""
     per_ampere: np.ndarray | None = None
+    """(k,) Nm/A that made a torque of a current, where they had to be estimated."""
 
     @property
     def duration(self) -> float:
@@ -72,29 +79,32 @@ class Log:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Filtered samples of one or several trajectories.
-
-    time (n,) s within its trajectory; trajectory (n,) its number; position, velocity, acceleration (n, k)
-    rad,
-    rad/s, rad/s^2; torque (n, k) Nm and its rate of change torque_rate (n, k) Nm/s; with_gravity as in `Log`;
-    noise (k,) Nm: standard deviation that white noise of the raw torque leaves in the filtered one; shaking (k,)
-    rad/s^2: that of the raw velocity in the acceleration. segments:
-    (position, velocity) (m, k) on the fine grid, one for each stretch without a gap; grids: (trajectory, times
-    (m,) s) of each.
-    """
+    """Filtered samples of one or several trajectories."""
 
     time: np.ndarray
+    """(n,) s within its trajectory."""
     trajectory: np.ndarray
+    """(n,) number of the trajectory."""
     position: np.ndarray
+    """(n, k) rad."""
     velocity: np.ndarray
+    """(n, k) rad/s."""
     acceleration: np.ndarray
+    """(n, k) rad/s^2."""
     torque: np.ndarray
+    """(n, k) Nm."""
     torque_rate: np.ndarray
+    """(n, k) Nm/s."""
     with_gravity: bool
+    """As in `Log`."""
     noise: np.ndarray
+    """(k,) Nm, standard deviation that white noise of the raw torque leaves in the filtered one."""
     shaking: np.ndarray
+    """(k,) rad/s^2, standard deviation of the raw velocity's noise in the acceleration."""
     segments: tuple[tuple[np.ndarray, np.ndarray], ...]
+    """(position, velocity) (m, k) on the fine grid, one for each stretch without a gap."""
     grids: tuple[tuple[int, np.ndarray], ...]
+    """(trajectory, times (m,) s) of each stretch."""
 
     def __len__(self) -> int:
         return len(self.time)

@@ -37,23 +37,28 @@ _BAD = [
 
 @dataclass(frozen=True, eq=False)
 class ShootingWindows:
-    """W stretches of recordings of m rows each, one row a control period.
-
-    All (W, m, 7): position rad, velocity rad/s, lead (target with what it is ahead by) rad, stiffness Nm/rad, damping
-    Nms/rad, fed (forward) Nm, commanded Nm. start (W,) s since the recording began. The first `warm` rows lie before
-    the simulation starts.
-    """
+    """W stretches of recordings of m rows each, one row a control period."""
 
     period: float
+    """s, control period."""
     warm: int
+    """Number of rows before the simulation starts."""
     start: np.ndarray
+    """(W,) s since the recording began."""
     position: np.ndarray
+    """(W, m, 7) rad."""
     velocity: np.ndarray
+    """(W, m, 7) rad/s."""
     lead: np.ndarray
+    """(W, m, 7) rad, target with its lead."""
     stiffness: np.ndarray
+    """(W, m, 7) Nm/rad."""
     damping: np.ndarray
+    """(W, m, 7) Nms/rad."""
     fed: np.ndarray
+    """(W, m, 7) Nm, feedforward torque."""
     commanded: np.ndarray
+    """(W, m, 7) Nm."""
 
     def __len__(self) -> int:
         return len(self.start)

@@ -33,12 +33,16 @@ LARGEST_SHIFT = 10.0  # half widths of its interval by which a parameter may mov
 
 @dataclass(frozen=True, eq=False)
 class RefittedEffect:
-    """An effect to refit at its place: parameters as the torque domain has them, and numbers that stay."""
+    """An effect to refit at its place."""
 
     effect: str
+    """Its id."""
     component: str
+    """A joint's name, or "arm"."""
     parameters: Mapping[str, Estimate]
+    """Estimates of the torque domain."""
     constants: Mapping[str, float]
+    """Numbers that stay."""
 
     @property
     def is_carried(self) -> bool:
@@ -48,19 +52,22 @@ class RefittedEffect:
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """Parts with forward estimates (by number of the part, by name).
-
-    rms (7,) rad over held-out windows: nominal, with the torque domain's values, with the forward ones. fitted,
-    held_out: numbers of windows.
-    """
+    """Effects with estimates by simulation; RMS departures (7,) rad over held-out windows."""
 
     parts: tuple[RefittedEffect, ...]
+    """The effects."""
     values: tuple[Mapping[str, Estimate], ...]
+    """Estimates by name, one mapping an effect."""
     nominal: np.ndarray
+    """RMS of the nominal arm."""
     torque_domain: np.ndarray
+    """RMS with the torque domain's estimates."""
     forward: np.ndarray
+    """RMS with the estimates by simulation."""
     fitted: int
+    """Number of windows that were fitted."""
     held_out: int
+    """Number of windows that were held out."""
 
 
 def effects_to_refit(

@@ -23,15 +23,14 @@ SURE = 10.0  # nats by which holding must fit a period better than not holding
 
 @dataclass(frozen=True, eq=False)
 class LostPackets:
-    """Periods in which the last command was held.
-
-    held (n,) bool: those for certain; excess (n,): nats by which holding fits each better; distinguishable (n,) bool: those in
-    which the command and the one before differ enough to tell.
-    """
+    """Periods in which the last command stayed in force."""
 
     held: np.ndarray
+    """(n,) bool, those for certain."""
     excess: np.ndarray
+    """(n,) nats by which holding fits each period better."""
     distinguishable: np.ndarray
+    """(n,) bool, whether the command and the one before differ enough to decide."""
 
     def share(self, rows: np.ndarray) -> tuple[float, float]:
         """(share of some periods (n,) bool in which the command was held, its standard error: losses come by chance)."""

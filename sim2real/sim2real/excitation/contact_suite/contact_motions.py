@@ -34,18 +34,24 @@ TALL = 0.03  # m: of an obstacle that holds an object
 
 @dataclass(frozen=True)
 class Push:
-    """From the side. share: place on the face from its middle, of half its width; speed m/s; run_up, travel m: free, and with the object
-    (as far as it is where it is seen); stop s: in which the tip comes to rest; slides m: what the object may go on by itself. shove m: what the
-    tip then goes on with the object, quickly, from rest to rest."""
+    """A push from the side."""
 
     name: str
+    """Name of the experiment."""
     share: float
+    """Place on the face from its middle, in units of half its width."""
     speed: float
+    """m/s."""
     run_up: float
+    """m without contact."""
     travel: float
+    """m with the object, from where it is seen."""
     stop: float
+    """s in which the tip comes to rest."""
     slides: float
+    """m that the object may slide on by itself."""
     shove: float = 0.0
+    """m that the tip then moves the object quickly, from rest to rest."""
 
     @property
     def displacement(self) -> float:

@@ -31,12 +31,14 @@ STANDSTILL = 1.5  # s
 
 @dataclass(frozen=True, eq=False)
 class SuiteState:
-    """What an experiment is planned from. q (7,) rad: where the arm rests. pose: of the object, as it is seen now. lowest: m, the least
-    height of the tip since the last plan, which a touch has stopped at a surface; None at the beginning."""
+    """What an experiment is planned from."""
 
     q: np.ndarray
+    """(7,) rad, where the arm rests."""
     pose: Pose
+    """Of the object, as it is seen now."""
     lowest: float | None = None
+    """m, least height of the tip since the last plan, at which a surface stopped a touch; None at the beginning."""
 
 
 def check_families(only: Sequence[str]) -> None:

@@ -29,24 +29,32 @@ class OutOfReach(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """A straight way of the tip's end to (3,) m at `speed` m/s, reached and left within ramp and stop s, and `rest` s after it."""
+    """A straight path of the tip's end."""
 
     end: np.ndarray
+    """(3,) m."""
     speed: float
+    """m/s."""
     rest: float = 0.0
+    """s of rest after it."""
     ramp: float = RAMP
+    """s in which the speed is reached."""
     stop: float = RAMP
+    """s in which the tip comes to rest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Oscillation:
-    """To and fro about where the tip is, by `way` (3,) m to either side, a sinusoid of `count` periods s that grows from rest within the first
-    half of one and ends likewise; `rest` s after it."""
+    """A sinusoid about the tip's place, which grows from rest within half a period and ends likewise."""
 
     way: np.ndarray
+    """(3,) m, amplitude."""
     period: float
+    """s."""
     count: int
+    """Number of periods."""
     rest: float = 0.0
+    """s of rest after it."""
 
 
 def make_segment(name: str, begin: np.ndarray, legs: Sequence[Leg | Oscillation], yaw: float) -> Segment:

@@ -23,11 +23,14 @@ REACH = 0.32, 0.72  # m from the arm's first axis, for a hand that points down
 
 @dataclass(frozen=True, eq=False)
 class RestingObject:
-    """The object as it lies: centre (3,) m, rotation (3, 3), half edges (3,) m, all in the base frame."""
+    """The object as it lies, in the base frame."""
 
     centre: np.ndarray
+    """(3,) m."""
     rotation: np.ndarray
+    """(3, 3), object to base."""
     half: np.ndarray
+    """(3,) m, half edges."""
 
     @classmethod
     def of(cls, domain: Domain, pose: Pose) -> RestingObject:
@@ -66,10 +69,12 @@ class RestingObject:
 
 @dataclass(frozen=True)
 class Workspace:
-    """What a domain and a camera leave."""
+    """Where the object may go, by a domain and a camera."""
 
     domain: Domain
+    """The task's domain."""
     camera: Camera
+    """The nominal camera."""
 
     @property
     def clearance(self) -> float:
