@@ -46,7 +46,7 @@ class Robot:
         if self.is_gone:
             raise ConnectionLost("connection to the robot: UDP receive: Timeout")
         self.time += MILLISECOND
-        return ArmReading(self.time, NOMINAL.ready, self.dq, STILL, STILL, STILL, STILL, "Move", "", 1.0)
+        return ArmReading(self.time, NOMINAL.ready, self.dq, STILL, STILL, STILL, STILL, np.zeros(6), "Move", "", 1.0)
 
     def write(self, torque, last):
         self.written.append((torque, last))

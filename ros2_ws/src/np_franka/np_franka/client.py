@@ -36,7 +36,9 @@ class ArmReading:
 
     time: ns on the robot's clock, whole milliseconds. q (7,) rad, dq (7,) rad/s: joint side; torque (7,) Nm:
     measured at the joints, without gravity; theta (7,) rad, dtheta (7,) rad/s: motor side, None where the
-    client does not tell; commanded (7,) Nm: the torque that the drives were told, without gravity. mode,
+    client does not tell; commanded (7,) Nm: the torque that the drives were told, without gravity; wrench
+    (6,) N, Nm: the robot's own estimate of the external one (O_F_ext_hat_K), base axes, about the stiffness
+    frame, which is the end effector's unless it was set otherwise. mode,
     errors: the robot's own words, errors empty if it has none. success_rate: share of the last 100 commands
     that came in time, 0..1.
     """
@@ -48,6 +50,7 @@ class ArmReading:
     theta: np.ndarray | None
     dtheta: np.ndarray | None
     commanded: np.ndarray
+    wrench: np.ndarray
     mode: str
     errors: str
     success_rate: float

@@ -65,6 +65,7 @@ class Fr3Client:
             np.array(state.theta),
             np.array(state.dtheta),
             np.array(state.tau_J_d),
+            np.array(state.O_F_ext_hat_K),
             state.robot_mode.name,
             _words(state.current_errors),
             state.control_command_success_rate,

@@ -71,6 +71,7 @@ class PandaClient:
             None,
             None,
             np.array(state.tau_J_d),
+            np.array(state.O_F_ext_hat_K),
             _mode(state),
             _words(state.current_errors),
             state.control_command_success_rate,

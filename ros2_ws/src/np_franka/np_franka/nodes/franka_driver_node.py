@@ -11,6 +11,7 @@ from collections.abc import Callable
 from itertools import count
 
 import numpy as np
+from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -20,7 +21,7 @@ from np_control.nodes import inputs
 from np_control.safety import LIMITS, Refusal
 from np_control.trajectory import Trajectory
 from np_description.message_arrays import BadMessage, stamp_nanoseconds
-from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.phases import PhaseState
 from np_franka.driver import Cycle
 from np_franka.gripper import Gripper
@@ -30,7 +31,7 @@ from np_franka.onboard import Onboard
 from np_franka.state_throttle import StateChangeThrottle
 from np_ros import qos
 from np_ros.low_latency.spin import Spinner, request_realtime
-from np_ros.messages import JointStateWriter
+from np_ros.messages import JointStateWriter, wrench_message
 from np_ros.node import Diagnostics, run
 
 PERIOD = LIMITS.period_ns
@@ -63,6 +64,7 @@ class FrankaDriver(Node):
         self._joint_states = self.create_publisher(JointState, "joint_states", stream)
         self._motor_states = self.create_publisher(JointState, "motor_states", stream)
         self._applied = self.create_publisher(JointState, "applied_command", stream)
+        self._wrench = self.create_publisher(WrenchStamped, "external_wrench", stream)
         self._whole, self._arm = JointStateWriter(STATE_NAMES), JointStateWriter(JOINT_NAMES)
         self._effort = None
         if self._driver.onboard is None:
@@ -113,6 +115,7 @@ class FrankaDriver(Node):
         )
         if reading.theta is not None:
             self._motor_states.publish(self._arm.fill(stamp, reading.theta, reading.dtheta, reading.commanded))
+        self._wrench.publish(wrench_message(stamp, BASE_FRAME, reading.wrench))
         if self._effort is not None and cycle.answer is not None:
             answer = cycle.answer
             self._effort.publish(self._arm.fill(stamp, answer.position, answer.velocity, answer.torque))
