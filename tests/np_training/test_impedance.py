@@ -14,7 +14,7 @@ from np_control import impedance
 from np_control.controller import Controller, ControllerConfig
 from np_control.dynamics import Dynamics
 from np_control.realtime_input import RealtimeCommandInput
-from np_control.safety import LIMITS, SafetyFilter
+from np_control.safety import LIMITS, SafetyFilter, limit_torque
 from np_control.trajectory import Trajectory
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
@@ -25,6 +25,7 @@ from np_franka.onboard import Onboard
 TOLERANCE = 1e-5  # Nm
 # Only the torque limit is left: what the other guards do to a torque is theirs to test.
 UNGUARDED = replace(LIMITS, velocity=np.full(7, 1e12), torque_rate=1e12, wall_rate=1e15, press=np.inf)
+GUARDED = [replace(LIMITS, period_ns=milliseconds * 1_000_000) for milliseconds in (2, 4, 5)]
 DYNAMICS = Dynamics()
 # What is the same input to all must be a number in single precision, in which training keeps its states.
 unit = arrays(np.float32, 7, elements=st.floats(0, 1, width=32))
@@ -47,18 +48,18 @@ def inputs(draw):
 
 
 @cache
-def training():
-    """The kernel of training, for one world on the CPU."""
+def training(limits):
+    """The kernel of training with these limits, for one world on the CPU."""
     wp = pytest.importorskip("warp")
-    from np_training.physics.batched_impedance import impedance_kernel
+    from np_training.physics.batched_impedance import impedance_kernel, make_guards
 
-    limit = wp.array(np.stack([NOMINAL.velocity_limit, NOMINAL.torque_limit]), dtype=float, device="cpu")
+    guards = make_guards(limits, "cpu")
     over = wp.zeros((2, 1, 7), dtype=int, device="cpu")
     peak = wp.zeros((2, 1, 7), dtype=float, device="cpu")
     none = wp.zeros((1, 7), dtype=float, device="cpu")
     delay = wp.zeros(1, dtype=int, device="cpu")
 
-    def torque(q, dq, target, stiffness, ratio, coriolis):
+    def torque(q, dq, target, stiffness, ratio, coriolis, previous):
         def world(values):
             return wp.array(np.float32(values)[None], dtype=float, device="cpu")
 
@@ -69,10 +70,10 @@ def training():
             impedance_kernel,
             dim=(1, 7),
             device="cpu",
-            outputs=[out, over, peak],
+            outputs=[world(previous), out, over, peak],
             inputs=[
                 0,
-                limit,
+                guards,
                 world(q),
                 world(dq),
                 world(coriolis),
@@ -117,11 +118,25 @@ def driver(q, dq, target, stiffness, ratio):
 def test_training_node_and_driver_give_the_same_torque(given_inputs):
     q, dq, target, stiffness, ratio = given_inputs
     coriolis = DYNAMICS.coriolis(q.astype(float), dq.astype(float))
-    learned = training()(q, dq, target, stiffness, ratio, coriolis)
+    learned = training(UNGUARDED)(q, dq, target, stiffness, ratio, coriolis, np.zeros(7))
     answered = node(q, dq, target, stiffness, ratio)
     applied = driver(q, dq, target, stiffness, ratio)
     np.testing.assert_allclose(learned, answered, rtol=0, atol=TOLERANCE)
     np.testing.assert_allclose(applied, answered, rtol=0, atol=TOLERANCE)
+
+
+@settings(max_examples=300)
+@given(inputs(), signed, st.sampled_from(GUARDED))
+def test_training_guards_torque_as_the_controller_does(given_inputs, share, limits):
+    """Walls, speed, torque and torque rate, at postures and speeds up to the limits and beyond the walls."""
+    q, dq, target, stiffness, ratio = given_inputs
+    span = NOMINAL.position_upper - NOMINAL.position_lower
+    q = np.float32(NOMINAL.position_lower + (q - NOMINAL.position_lower - 0.1) / (span - 0.2) * span)
+    previous = np.float32(share * NOMINAL.torque_limit)
+    wanted = impedance.torque(*(np.float64(x) for x in (q, dq, target, stiffness, np.full(7, ratio))), np.zeros(7))
+    expected, _ = limit_torque(limits, wanted, previous.astype(float), q.astype(float), dq.astype(float))
+    got = training(limits)(q, dq, target, stiffness, ratio, np.zeros(7), previous)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=TOLERANCE)
 
 
 @settings(max_examples=100)

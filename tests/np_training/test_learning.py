@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from torch import nn
@@ -12,6 +13,8 @@ from np_training.ppo.config import PPOConfig
 from np_training.ppo.curriculum import STAGES, Curriculum, CurriculumConfig, stage_limits
 from np_training.ppo.learner import STATISTICS, Learner, PolicySamples, advantages
 from np_training.ppo.networks import distribution
+from np_training.tasks.randomisation import PAPER as PAPER_CONDITIONS
+from np_training.tasks.randomisation import ROBUST, find_conditions
 from np_training.tasks.rewards import RewardConfig
 
 PLAIN = PPOConfig(epochs=1, minibatches=1, entropy=0.0)
@@ -272,7 +275,7 @@ def test_a_stage_is_left_at_the_papers_success_and_not_before():
     below, at = Curriculum(100), Curriculum(100)
     assert advanced(below, 0.79) == [False] and below.stage == 0
     assert advanced(at, 0.8) == [True] and at.stage == 1 and at.episodes == 0
-    assert not at.randomised
+    assert at.randomisation == 0
 
 
 def test_half_a_window_has_to_end_in_a_stage_before_it_is_left():
@@ -282,13 +285,40 @@ def test_half_a_window_has_to_end_in_a_stage_before_it_is_left():
     assert advanced(curriculum, 1.0, 0) == [False] and curriculum.episodes == 0
 
 
-def test_randomisation_begins_at_a_success_of_its_own_and_ends_the_stages():
-    curriculum = Curriculum(100)
-    advanced(curriculum, 0.85, times=30)
-    assert curriculum.stage == STAGES and curriculum.strictness == 1.0 and not curriculum.randomised
-    advanced(curriculum, 1.0, times=2)
-    assert curriculum.stage == STAGES + 1 and curriculum.randomised
-    assert advanced(curriculum, 1.0) == [False] and curriculum.stage == STAGES + 1
+def test_randomisation_grows_by_success_after_the_limits_are_tight_and_ends_the_stages():
+    curriculum = Curriculum(100, CurriculumConfig(growth=4))
+    shares, strict = [], []
+    for _ in range(STAGES + 4):
+        shares.append(curriculum.randomisation)
+        strict.append(curriculum.strictness)
+        assert advanced(curriculum, 0.79) == [False] and advanced(curriculum, 1.0) == [True]
+    assert shares == [0.0] * (STAGES + 1) + [0.25, 0.5, 0.75]
+    assert strict == pytest.approx([stage / 14 for stage in range(14)])
+    assert curriculum.randomisation == curriculum.strictness == 1.0
+    assert advanced(curriculum, 1.0) == [False] and curriculum.stage == curriculum.last == STAGES + 4
+
+
+@pytest.mark.parametrize(
+    "stage, growth, expected", [(7, 1, 7), (STAGES + 1, 1, STAGES + 4), (STAGES + 5, 10, STAGES + 2)]
+)
+def test_a_checkpoint_of_other_growth_goes_on_with_as_much_randomisation(stage, growth, expected):
+    curriculum = Curriculum(100, CurriculumConfig(growth=4))
+    curriculum.resume(stage, growth)
+    assert curriculum.stage == expected
+
+
+def test_conditions_grow_from_nominal_to_their_ranges():
+    assert ROBUST.at(1.0) == ROBUST and PAPER_CONDITIONS.at(1.0) == PAPER_CONDITIONS
+    none = find_conditions("robust", {"goal_in_image": True}).at(0.0)
+    fields = {"goal_in_image": True, "force_margin": ROBUST.force_margin, "support": ROBUST.support[1]}
+    assert none == find_conditions("nominal", fields)
+    widths = [
+        [high - low for low, high in (c.mass, c.stiffness, c.size, c.support, c.image_latency, c.delay)]
+        + [c.camera_position, c.torque_noise, c.centre]
+        for c in map(ROBUST.at, (0.0, 0.25, 0.5, 0.75, 1.0))
+    ]
+    assert (np.diff(widths, axis=0) > 0).all()
+    assert ROBUST.at(0.5).mass == pytest.approx((0.1**0.5, 3**0.5)) and ROBUST.at(0.5).camera_rotation == 0.0015
 
 
 def test_success_is_a_running_mean_over_the_window():

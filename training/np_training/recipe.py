@@ -33,14 +33,16 @@ class Settings:
     contact: str | None = None
     """Key of `STEPPING`; None: that in which the domain is learned."""
     conditions: str = "paper"
-    """Key of `CONDITIONS`: what is randomised once the limits are tight."""
+    """Key of `CONDITIONS`: what is randomised in the end."""
     changes: Mapping[str, object] = field(default_factory=dict)
     """Fields of the conditions that differ from that set."""
     success: float | None = None
-    """The stage ends at this success of randomised episodes."""
+    """The stage ends at this success of fully randomised episodes."""
     steps: float = float("inf")
     """Million policy steps, after which the stage ends anyway."""
     residual: bool = CurriculumConfig.residual
+    """See `CurriculumConfig`."""
+    growth: int = CurriculumConfig.growth
     """See `CurriculumConfig`."""
     limit: int | None = None
     """Policy steps an episode."""
@@ -91,6 +93,8 @@ class Settings:
             raise ValueError(
                 f"damping_floor: expected {DAMPING_RATIO_MIN:g} to {DAMPING_RATIO_MAX:g}, got {self.damping_floor:g}"
             )
+        if self.growth < 1:
+            raise ValueError(f"growth: expected at least 1 stage, got {self.growth}")
         self.drawn  # noqa: B018  raises for conditions that there are not
 
     @property

@@ -9,23 +9,24 @@ from __future__ import annotations
 
 import mujoco
 import mujoco_warp as mjw
-import numpy as np
 import torch
 import warp as wp
 
 from np_description.domains import Domain
-from np_description.panda import NOMINAL
 from np_description.scene import OBJECT, load_model
 from np_policy.action import Target
 from np_training.physics.batched_contacts import BatchedContacts
 from np_training.physics.batched_effects import batched_effects
 from np_training.physics.batched_forces import BatchedForces
-from np_training.physics.batched_impedance import impedance_kernel
+from np_training.physics.batched_impedance import impedance_kernel, nominal_guards
 from np_training.physics.batched_kinematics import forward_kinematics
 from np_training.physics.config import LARGEST, PhysicsConfig, check_trainable
 from np_training.physics.fused_solver import choose_step
 from np_training.physics.varied_model import FIELDS, VariedModel
 
+wp.config.log_level = (
+    wp.LOG_WARNING
+)  # else a line for each of some fifty modules; `train_stage` says when all are there
 CAPACITY = (
     mjw.OverflowType.NEFC
     | mjw.OverflowType.NJMAX_NNZ
@@ -45,7 +46,7 @@ class BatchedPhysics:
     command (6, worlds, 7), see `impedance_kernel`; delay (worlds,) substeps;
     noise (worlds, 7) Nm; fingers (worlds,) m; over (2, worlds, 7): physics steps of the last period beyond
     the limits of joint velocity, and of torque as commanded; peak (2, worlds, 7): the largest shares of them; margin (worlds,):
-    share of the data sheet's joint velocity that counts as the limit, and of its torque; seen_q rad, m, seen_dq (worlds, 9):
+    share of the data sheet's joint velocity that counts as the limit, and of its torque; applied (worlds, 7) Nm: torque of the last step; seen_q rad, m, seen_dq (worlds, 9):
     what the sensors say of joints and fingers; varied: what worlds differ in; forces: what the robot feels. Raises ValueError for an object that is not rigid.
     """
 
@@ -88,7 +89,8 @@ class BatchedPhysics:
             self._command = wp.zeros((6, worlds, 7), dtype=float)
             self._delay = wp.zeros(worlds, dtype=int)
             self._noise = wp.zeros((worlds, 7), dtype=float)
-            self._limit = wp.array(np.stack([NOMINAL.velocity_limit, NOMINAL.torque_limit]), dtype=float)
+            self._guards = nominal_guards(config.timestep, device)
+            self._applied = wp.zeros((worlds, 7), dtype=float)
             self._over = wp.zeros((2, worlds, 7), dtype=int)
             self._peak = wp.zeros((2, worlds, 7), dtype=float)
             self._margin = wp.full(worlds, 1.0, dtype=float)
@@ -96,6 +98,7 @@ class BatchedPhysics:
         self._overflow = wp.to_torch(d.overflow)
         self.qpos, self.qvel, self.ctrl = (wp.to_torch(a) for a in (d.qpos, d.qvel, d.ctrl))
         self._stale = [wp.to_torch(a) for a in (d.qacc_warmstart, d.qfrc_bias, d.qfrc_gravcomp)]
+        self.applied = wp.to_torch(self._applied)
         self.command, self.delay, self.noise, self.over, self.peak, self.margin = (
             wp.to_torch(a) for a in (self._command, self._delay, self._noise, self._over, self._peak, self._margin)
         )
@@ -160,6 +163,7 @@ class BatchedPhysics:
                 self._graph = capture.graph
                 self.qpos.copy_(saved[0])
                 self.qvel.copy_(saved[1])
+                self.applied.zero_()
                 self.forces.place(torch.arange(self.worlds, device=self.device))
         wp.capture_launch(self._graph)
 
@@ -173,11 +177,11 @@ class BatchedPhysics:
         d = self.data
         state = [*self._seen, d.qfrc_bias, d.qfrc_gravcomp]
         command = [self._command, self._delay, self._noise, self._margin]
-        out = [d.ctrl, self._over, self._peak]
+        out = [self._applied, d.ctrl, self._over, self._peak]
         wp.launch(
             impedance_kernel,
             dim=(self.worlds, 7),
-            inputs=[substep, self._limit, *state, *command],
+            inputs=[substep, self._guards, *state, *command],
             outputs=out,
         )
 
@@ -222,6 +226,7 @@ class BatchedPhysics:
         """Put the worlds `where` (n,) at rest at qpos (n, 16), with the obstacles sunk (n,) m below where they are."""
         self.qpos[where] = qpos
         self.qvel[where] = 0
+        self.applied[where] = 0
         self.forces.place(where)
         if self._effects is not None:
             self.seen_q[where], self.seen_dq[where], self._since[where] = qpos[:, :9], 0.0, 0

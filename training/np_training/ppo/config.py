@@ -32,19 +32,19 @@ class TrainConfig:
     rollout: int = 12
     """Policy steps between updates."""
     hold: int = 3
-    """Policy steps at the goal that count as success once randomised."""
+    """Policy steps at the goal that count as success under full randomisation; one without any."""
     tolerance: float = 1.0
-    """Share of the domain's tolerance within which they have to be then."""
+    """Share of the domain's tolerance within which they have to be under full randomisation; all of it without any."""
     reflex: bool = True
-    """Whether joints beyond their limits of speed and range end an episode once randomised."""
+    """Whether joints beyond their limits of speed and range end an episode once randomisation begins."""
     pre_least: int = 64
     """Episodes without which the pre-contact policy is left as it is."""
     stiffness: float = 0.0
     """Stiffness that an untrained policy commands, -1 to 1 of its range."""
     deviation: float | None = None
-    """Largest standard deviation of the actions drawn once randomised, as a share of their range: a robot runs the mean action,
-    which goes round in circles that drawn actions leave."""
+    """Largest standard deviation of the actions drawn under full randomisation, as a share of their range; it falls from 1 with it. A
+    robot runs the mean action, which goes round in circles that drawn actions leave."""
     conditions: Conditions = PAPER
-    """What is randomised once the limits are tight; `force_margin` of it holds from the beginning."""
+    """What is randomised in the end; `force_margin` of it holds from the beginning."""
     curriculum: CurriculumConfig = CurriculumConfig()
     """How tasks become harder."""

@@ -1,6 +1,7 @@
 """The curriculum: residual limits tighten as success rises, then domain randomisation begins (paper).
 
-Ours beside it: a share of the episodes is practice (`np_training.tasks.practice`), until the domain's own tasks succeed.
+Ours beside it: randomisation grows in steps as the limits tighten, force reflex and prices on touches with both; and a share of the
+episodes is practice (`np_training.tasks.practice`), until the domain's own tasks succeed.
 """
 
 from __future__ import annotations
@@ -14,21 +15,24 @@ STAGES = 10  # geometric steps from the initial to the final residual limits (pa
 
 @dataclass(frozen=True)
 class CurriculumConfig:
-    """residual: start with loose limits (paper), else all stages at zeta*, which then tighten the force reflex alone (of a policy
-    that knows its task); advance_at: success that tightens the limits (paper); randomise_at: success at the tightest
-    limits that switches domain randomisation on; practice, explore: share of practice and of contacts chosen
-    at random at no success, falling to none at a success of `practised_at`; kept: share of practice that is
-    never gone below; least_weight: of a kind of practice that always or never succeeds, where one that does every
-    other time has .25 more."""
+    """How success moves the curriculum."""
 
     residual: bool = True
+    """Whether it starts with loose limits (paper); else all stages have zeta*, for a policy that knows its task."""
     advance_at: float = 0.8
-    randomise_at: float = 0.9
+    """Success that ends a stage (paper: that tightens the limits)."""
+    growth: int = 10
+    """Stages after the tightest limits in which randomisation grows to its full ranges; 1: at once (paper)."""
     practice: float = 0.0
+    """Share of practice at no success."""
     explore: float = 0.0
+    """Share of contacts chosen at random at no success."""
     practised_at: float = 0.6
+    """Success at which practice and random contacts are gone."""
     kept: float = 0.0
+    """Share of practice that stays."""
     least_weight: float = 0.03
+    """Of a kind of practice that always or never succeeds; one that succeeds every other time has 0.25 more."""
 
 
 def stage_limits(stage: int) -> ResidualLimits:
@@ -46,9 +50,11 @@ def stage_limits(stage: int) -> ResidualLimits:
 
 
 class Curriculum:
-    """stage 0 to STAGES: `stage_limits`; STAGES + 1: randomised too. success: running mean over about
-    `window` episodes, which also have to end within a stage before it is left. practised: the same for each
-    kind of practice."""
+    """Where a training is.
+
+    stage: 0 to STAGES `stage_limits`, then `growth` stages in which randomisation grows; success: running mean over about `window`
+    episodes, half of which have to end within a stage before it is left; practised: the same for each kind of practice.
+    """
 
     def __init__(self, window: int, config: CurriculumConfig = CurriculumConfig(), practices: int = 0) -> None:
         self.config, self.window = config, window
@@ -57,9 +63,14 @@ class Curriculum:
         self.success, self.episodes = 0.0, 0
 
     @property
-    def randomised(self) -> bool:
-        """Whether domain randomisation is on."""
-        return self.stage > STAGES
+    def last(self) -> int:
+        """The stage in which everything is as strict as it becomes."""
+        return STAGES + self.config.growth
+
+    @property
+    def randomisation(self) -> float:
+        """Share, 0 to 1, of the randomisation that is on: see `Conditions.at`."""
+        return max(self.stage - STAGES, 0) / self.config.growth
 
     @property
     def limits(self) -> ResidualLimits:
@@ -68,8 +79,8 @@ class Curriculum:
 
     @property
     def strictness(self) -> float:
-        """0 where learning begins, 1 at the tightest limits: see `EnvironmentConfig`."""
-        return min(self.stage, STAGES) / STAGES
+        """0 where learning begins, 1 in the last stage: see `EnvironmentConfig`."""
+        return self.stage / self.last
 
     @property
     def _left(self) -> float:
@@ -95,6 +106,11 @@ class Curriculum:
         self.stage, self.success, self.episodes = stage, 0.0, 0
         self.practised = [0.5] * len(self.practised)
 
+    def resume(self, stage: int, growth: int) -> None:
+        """Go on in the stage of a training whose randomisation grew in `growth` stages, with as much of it."""
+        beyond = max(stage - STAGES, 0) / growth
+        self.stage = min(stage, STAGES) + round(beyond * self.config.growth)
+
     def practise(self, number: int, success: float, episodes: int) -> None:
         """Count episodes that ended of practice `number`, `success` their share of successes."""
         weight = min(episodes * max(len(self.practised), 1) / self.window, 1.0)
@@ -107,9 +123,7 @@ class Curriculum:
         weight = min(episodes / self.window, 1.0)
         self.success = success if self.episodes == 0 else (1 - weight) * self.success + weight * success
         self.episodes += episodes
-        if self.episodes < self.window // 2 or self.randomised:
-            return False
-        if self.success < (self.config.advance_at if self.stage < STAGES else self.config.randomise_at):
+        if self.episodes < self.window // 2 or self.stage == self.last or self.success < self.config.advance_at:
             return False
         self.stage, self.episodes = self.stage + 1, 0
         return True

@@ -42,7 +42,8 @@ def describe(row: dict[str, float], left: float) -> str:
         if name.startswith("success_") and not name.startswith(("success_tips", "success_goal", "success_mean"))
     )
     practice = f"practice {row['practice']:.2f}: {practised}" if row.get("practice") else ""
-    stage = "randomised" if row["stage"] > STAGES else f"stage {row['stage']:2d}/{STAGES}"
+    grown = row.get("randomisation", 0.0)
+    stage = f"randomised {grown:.0%}" if grown else f"stage {row['stage']:2d}/{STAGES}"
     trouble = f"{row['overflowed']:.0f} worlds over capacity" if row.get("overflowed") else ""
     parts = [
         f"{row['steps'] / 1e6:7.1f} M steps",

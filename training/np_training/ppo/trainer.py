@@ -19,7 +19,6 @@ from np_training.ppo.learner import Learner, PolicySamples, advantages
 from np_training.ppo.networks import LOG_STD, ActorCritic, sample
 from np_training.setting import largest_turn
 from np_training.tasks.breakdown import groups
-from np_training.tasks.randomisation import NOMINAL_CONDITIONS
 from np_training.tasks.registry import find_task
 
 
@@ -77,16 +76,15 @@ class Trainer:
         self.environment.generator.manual_seed(seed)
 
     def _apply_stage(self) -> None:
-        env, on = self.environment, self.curriculum.randomised
+        env, share = self.environment, self.curriculum.randomisation
         env.limits = self.curriculum.limits
-        drawn = self.config.conditions
         env.config = dataclasses.replace(
             env.config,
-            conditions=drawn if on else dataclasses.replace(NOMINAL_CONDITIONS, force_margin=drawn.force_margin),
+            conditions=self.config.conditions.at(share),
             strictness=self.curriculum.strictness,
-            hold=self.config.hold if on else 1,
-            tolerance=self.config.tolerance if on else 1.0,
-            reflex=self.config.reflex and on,
+            hold=round(1 + share * (self.config.hold - 1)),
+            tolerance=1 + share * (self.config.tolerance - 1),
+            reflex=self.config.reflex and share > 0,
         )
 
     def iterate(self) -> dict[str, float]:
@@ -150,8 +148,9 @@ class Trainer:
         """Deviations into their range: beyond it `distribution` cuts them, so that no gradient would ever bring them back."""
         for policy in (self.networks.post, self.networks.pre):
             policy.log_std.clamp_(*LOG_STD)
-        if self.config.deviation and self.curriculum.randomised:
-            self.networks.post.log_std.clamp_(max=math.log(self.config.deviation))
+        if self.config.deviation:
+            most = self.curriculum.randomisation * math.log(self.config.deviation)
+            self.networks.post.log_std.clamp_(max=min(most, LOG_STD[1]))
 
     def _count(self, out: dict) -> dict[str, torch.Tensor]:
         """Sums over the worlds of what a step gave; those of ended episodes leave practice out."""
@@ -208,7 +207,7 @@ class Trainer:
         means |= {"touching": sums["touching"] / steps, "bare": sums["bare"] / max(sums["touching"], 1.0)}
         self.iteration += 1
         self.steps += steps
-        stage, shares = self.curriculum.stage, self.curriculum.shares
+        stage, randomisation, shares = self.curriculum.stage, self.curriculum.randomisation, self.curriculum.shares
         for number, kind in enumerate(self.kinds[1:]):
             self.curriculum.practise(number, means[f"success_{kind}"], int(sums[f"done_{kind}"]))
         if self.curriculum.advance(means["success"], int(sums["done"])):
@@ -217,6 +216,7 @@ class Trainer:
             "iteration": self.iteration,
             "steps": self.steps,
             "stage": stage,
+            "randomisation": randomisation,
             "episodes": int(sums["done"]),
             "success_mean": self.curriculum.success,
             "practice": 1 - shares[0],
@@ -271,6 +271,7 @@ class Trainer:
             "steps": self.steps,
             "seconds": self.seconds,
             "stage": self.curriculum.stage,
+            "growth": self.curriculum.config.growth,
             "success": self.curriculum.success,
             "episodes": self.curriculum.episodes,
             "practised": self.curriculum.practised,
@@ -286,7 +287,8 @@ class Trainer:
         self.pre.load_state_dict(state["pre"])
         self.iteration, self.steps = state["iteration"], state["steps"]
         self.seconds = state.get("seconds", 0.0)
-        self.curriculum.stage, self.curriculum.success = state["stage"], state.get("success", 0.0)
+        self.curriculum.resume(state["stage"], state.get("growth", 1))
+        self.curriculum.success = state.get("success", 0.0)
         # Without their number the mean would begin anew, with what a few first episodes came to.
         self.curriculum.episodes = state.get("episodes", 0)
         if len(state.get("practised", [])) == len(self.curriculum.practised):
@@ -313,9 +315,9 @@ class Trainer:
         self.recipe_stage, self.stage_begun, self.curriculum.episodes = number, self.steps, 0
 
     def is_over(self, success: float | None, steps: int) -> bool:
-        """Whether a recipe's stage is over: at this success of a window of randomised episodes, or after so many steps."""
+        """Whether a recipe's stage is over: at this success of a window of fully randomised episodes, or after so many steps."""
         curriculum = self.curriculum
-        reached = curriculum.randomised and curriculum.episodes >= curriculum.window
+        reached = curriculum.stage == curriculum.last and curriculum.episodes >= curriculum.window
         return self.steps - self.stage_begun >= steps or (
             success is not None and reached and curriculum.success >= success
         )

@@ -10,7 +10,6 @@ import time
 from pathlib import Path
 
 import torch
-import warp as wp
 
 from np_training.checkpoints import CheckpointError, read_state
 from np_training.environment.environment import Environment, EnvironmentConfig
@@ -58,6 +57,7 @@ def make_trainer(arguments: argparse.Namespace, device: str, number: int, state:
         conditions=drawn,
         curriculum=CurriculumConfig(
             residual=settings.residual,
+            growth=settings.growth,
             practice=settings.practice,
             explore=settings.explore,
             kept=settings.kept,
@@ -127,7 +127,6 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
     """Train through the recipe's stages, for the time or the iterations given at most; returns what the last line says."""
     begin = time.monotonic()
     torch.backends.cuda.matmul.allow_tf32 = True
-    wp.config.quiet = True  # a line a module; `train_stage` says when the kernels are there
     state, source = find_state(arguments, device)
     number = state.get("recipe_stage", 0) if state else 0
     if number >= len(arguments.stages):

@@ -80,8 +80,8 @@ def _success(ax: Axes, rows: Rows) -> None:
     ax.set(ylabel="success of ended episodes", ylim=(0, 1.02))
     stage = ax.twinx()
     stage.step(steps, column(rows, "stage"), color="0.5", where="post", linewidth=1)
-    stage.set_ylabel(f"stage, grey ({STAGES + 1}: randomised)", color="0.4")
-    stage.set_ylim(0, STAGES + 1.3)
+    stage.set_ylabel(f"stage, grey (above {STAGES}: randomised)", color="0.4")
+    stage.set_ylim(0, max(STAGES + 1.3, 1.05 * column(rows, "stage").max()))
     stage.grid(False)
 
 

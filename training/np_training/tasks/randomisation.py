@@ -86,6 +86,28 @@ class Conditions:
         """Whether a field of the model differs between worlds."""
         return self.centre > 0 or any(getattr(self, name) != (1.0, 1.0) for name in _OF_THE_MODEL)
 
+    def at(self, strictness: float) -> Conditions:
+        """These conditions grown from the nominal ones by a strictness in [0, 1].
+
+        Ranges of factors grow in the logarithm, others evenly. `force_margin` and flags are whole at any strictness; a support shrinks from
+        its largest share.
+        """
+        grown = {}
+        for field in dataclasses.fields(self):
+            target, nominal = getattr(self, field.name), field.default
+            if field.name == "force_margin" or isinstance(target, bool) or target is None:
+                grown[field.name] = target
+            elif nominal == (1.0, 1.0):
+                grown[field.name] = tuple(end**strictness for end in target)
+            elif field.name == "delay":
+                grown[field.name] = tuple(round((1 - strictness) * a + strictness * b) for a, b in zip(nominal, target))
+            elif isinstance(target, tuple):
+                nominal = (target[1], target[1]) if nominal is None else nominal
+                grown[field.name] = tuple((1 - strictness) * a + strictness * b for a, b in zip(nominal, target))
+            else:
+                grown[field.name] = strictness * target
+        return Conditions(**grown)
+
     @property
     def resizes(self) -> bool:
         """Whether objects have another size than their own."""
