@@ -25,14 +25,14 @@ OF_SETUP := PYTHON TORCH_INDEX SHELL
 GIVEN := $(foreach v,$(.VARIABLES),$(if $(filter command,$(origin $v)),$v))
 STRANGE := $(filter-out $(OPTIONS) $(OF_SETUP),$(GIVEN))
 $(if $(STRANGE),$(error $(STRANGE): expected options among $(OPTIONS) $(OF_SETUP); `make help` lists each command's))
-RULES = awk -F: -v goals=' $(MAKECMDGOALS) ' 'index(goals, " " $$1 " ") {on = 1} /^$$/ {on = 0} on' Makefile
-UNUSED := $(if $(filter 0,$(MAKELEVEL)),$(filter-out $(OF_SETUP) $(if $(GIVEN),$(shell $(RULES) | grep -oE '[A-Z_]+')),$(GIVEN)))
+RULES = $(foreach goal,$(MAKECMDGOALS),sed -n '/^$(goal):/,/^$$/p' Makefile;)
+UNUSED := $(if $(filter 0,$(MAKELEVEL)),$(filter-out $(OF_SETUP) $(if $(GIVEN),$(shell { $(RULES) } | grep -oE '[A-Z_]+')),$(GIVEN)))
 $(if $(UNUSED),$(error $(UNUSED): `make $(or $(MAKECMDGOALS),help)` has no use for it; `make help` lists each command's options))
 
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
 
-.PHONY: help setup demo test test-benchmark test-slow test-driver driver-report hardware physx meshes lerobot cluster bench soak fuzz blind blind-task blind-chain evaluate table3 finetune rehearse train identify docs format lock clean distclean
+.PHONY: help setup demo test test-benchmark test-slow test-driver driver-report hardware physx meshes lerobot cluster bench soak fuzz blind blind-task evaluate table3 finetune train identify docs format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -70,11 +70,11 @@ bench: setup ## latencies, real-time factor, planning time as JSON
 	@$(ACTIVATE) exec ros2 run np_evaluation bench $(ARGS)
 
 soak: setup ## DOMAIN EPISODES SEED ARGS="--hours 1": episodes in one graph, in lockstep, or hours in real time: memory, handles and threads stay flat, as JSON
-	@$(ACTIVATE) exec ros2 run np_evaluation soak --domain $(DOMAIN) --seed $(SEED) \
+	@$(ACTIVATE) exec python -m np_evaluation.commands.soak --domain $(DOMAIN) --seed $(SEED) \
 		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
 
 fuzz: setup ## SEED: random and malformed messages on every topic: none of the nodes dies, as JSON
-	@$(ACTIVATE) exec ros2 run np_evaluation fuzz --seed $(SEED) $(ARGS)
+	@$(ACTIVATE) exec python -m np_evaluation.commands.fuzz --seed $(SEED) $(ARGS)
 
 blind: setup ## CASES SEED SET=[locked|development][_changes|_six] JOBS CLUSTER: the diagnosis of the arm on sealed cases, as JSON
 	@$(ACTIVATE) exec python -m np_blind.arm.set --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) \
@@ -84,13 +84,9 @@ blind-task: physx ## CASES=16 SEED=1 JOBS CLUSTER ARGS=--seal: the task diagnosi
 	@$(ACTIVATE) exec python -m np_blind.task.set $(if $(filter-out file,$(origin CASES)),--cases $(CASES)) \
 		$(if $(filter-out file,$(origin SEED)),--seed $(SEED)) --jobs $(JOBS) $(ON) $(ARGS)
 
-blind-chain: blind-task ## CASES SEED JOBS CLUSTER ARGS: former name of blind-task, for one release
-
 finetune: $(if $(filter physx,$(ENGINE)),physx,setup) ## BAG="runs/suite_000 runs/task_000" DOMAIN EPISODES=100 OBJECT SEED JOBS ARGS="--minutes 5": from recordings to policies corrected or fine-tuned for the arm; a page
 	@$(ACTIVATE) exec ros2 run np_evaluation finetune $(BAG) --domain $(DOMAIN) --object $(OBJECT) --seed $(SEED) --jobs $(JOBS) \
 		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
-
-rehearse: finetune ## BAG DOMAIN EPISODES OBJECT SEED JOBS ENGINE ARGS: former name of finetune, for one release
 
 train: setup ## DOMAIN SEED GPUS: make its policies by recipes/DOMAIN.yaml, from nothing to judged weights; killed, it goes on
 	@$(ACTIVATE) exec python -m $(if $(GPUS),torch.distributed.run --standalone --nproc-per-node $(GPUS) -m )np_training.train --recipe recipes/$(DOMAIN).yaml --seed $(SEED) --out runs/$(DOMAIN)_$(SEED) $(ARGS)

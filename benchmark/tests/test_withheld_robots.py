@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from rehearsing import BOTH, FRICTION, WEIGHTS, Here, losing
+from finetune_doubles import BOTH, FRICTION, WEIGHTS, Here, losing
 from sim2real.effects.patch import Patch
 
 from np_evaluation.finetune import rollouts as playing

@@ -28,7 +28,9 @@ def test_an_episode_in_real_time(graph, probe, untrained, tmp_path):
     names = graph.run_card(
         {"episode": {"post_timeout": 1.0}}, mode="realtime", keypoints="truth", weights=str(untrained)
     )
-    graph.run("np_evaluation", "round_trip", {"out": str(tmp_path / "round_trip.json")})
+    graph.run(
+        "np_evaluation", "np_evaluation.bench.round_trip", {"out": str(tmp_path / "round_trip.json")}, name="round_trip"
+    )
     probe.wait_until_ready(names | {"round_trip"})
     assert probe.call("round_trip/start").success
     # While processes were starting, the controller may have been silent for long enough to be given up.
@@ -48,7 +50,9 @@ def test_an_episode_in_real_time(graph, probe, untrained, tmp_path):
 
 
 def test_frames_without_keypoints_are_counted(graph, probe, tmp_path):
-    graph.run("np_evaluation", "round_trip", {"out": str(tmp_path / "round_trip.json")})
+    graph.run(
+        "np_evaluation", "np_evaluation.bench.round_trip", {"out": str(tmp_path / "round_trip.json")}, name="round_trip"
+    )
     infos = probe.advertise("camera/camera_info", CameraInfo, qos.RECORDER)
     answers = probe.advertise("keypoints", PointCloud2, qos.RECORDER)
     probe.wait_until(lambda: probe.matched("camera/camera_info") and probe.matched("keypoints"))

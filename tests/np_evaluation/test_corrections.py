@@ -34,7 +34,6 @@ def test_what_is_nobodys_to_correct_remains():
     told = corrections(Patch((MOVED, LOAD, GRIP)))
     assert told.remaining == Patch((GRIP,)) and told.arm == Patch((LOAD,)) and not told.is_none
     assert np.allclose(np.subtract(told.camera.position, CAMERA.position), [0.02, -0.015, 0.0])
-    assert corrections(Patch((DELAY, LOAD)), ["command_delay"]).remaining == Patch((DELAY,))
     assert corrections(Patch((GRIP,))).is_none and not corrections(Patch((LATE,))).is_none
 
 

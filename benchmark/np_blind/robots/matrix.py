@@ -39,7 +39,7 @@ from np_policy.contract import KINDS, PRE_CONTACT
 POLICIES = Path(str(files("np_blind") / "data" / "policies.yaml"))
 RELEASED = "released"  # the policy of the project's own weights, whose episodes `robots.set` has played already
 SIDES = ("nominal", "patched", "patched_score", "engine")
-"""What a cell's policy has: success by the two simulators, the patched one's mean score (`rehearsal.playing`), and success in PhysX."""
+"""What a cell's policy has: success by the two simulators, the patched one's mean score (`np_evaluation.finetune.rollouts`), and success in PhysX."""
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:

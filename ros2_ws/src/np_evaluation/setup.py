@@ -21,15 +21,10 @@ setup(
     entry_points={
         "console_scripts": [
             "bench = np_evaluation.commands.bench:main",
-            "calibration_trial = np_evaluation.commands.calibration_trial:main",
             "check_backend = np_evaluation.commands.check_backend:main",
             "demo = np_evaluation.commands.demo:main",
-            "echo = np_evaluation.nodes.echo_node:main",
             "evaluate = np_evaluation.commands.evaluate:main",
             "finetune = np_evaluation.commands.finetune:main",
-            "fuzz = np_evaluation.commands.fuzz:main",
-            "round_trip = np_evaluation.nodes.round_trip_node:main",
-            "soak = np_evaluation.commands.soak:main",
             "table3 = np_evaluation.commands.table3:main",
         ],
     },

@@ -33,57 +33,68 @@ from np_control.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class ControllerConfig:
-    """Gains and times.
-
-    stiffness (7,) Nm/rad, damping_ratio: gains while holding and on trajectories. policy_latency_ns: a target
-    that answers the state of t takes effect at t + policy_latency. reach_position m, reach_angle rad: how far
-    inverse kinematics may miss a target before it is refused. largest_gap_ns: a longer time between two
-    states, or a step no arm can make, is a new beginning. largest_target_age_ns: an older target is refused;
-    states are kept that long, to resolve a target at the state it answers. stop_ns: time in which a
-    trajectory that is broken off comes to rest.
-    """
+    """Gains and times of the controller."""
 
     stiffness: np.ndarray = field(default_factory=STIFFNESS_MAX.copy)
+    """Joint stiffness (7,) Nm/rad while holding and on trajectories."""
     damping_ratio: float = 1.0
+    """Damping ratio while holding and on trajectories."""
     policy_latency_ns: int = 20_000_000
+    """A target that answers the state of time t takes effect at t plus this, ns."""
     reach_position: float = 0.05
+    """Largest distance by which inverse kinematics may miss a target, m; beyond it the target is refused."""
     reach_angle: float = 0.2
+    """The same for the angle, rad."""
     largest_gap_ns: int = 200_000_000
+    """A longer time between two states, or a step no arm can make, restarts the controller, ns."""
     largest_target_age_ns: int = 500_000_000
+    """An older target is refused; states are kept that long, to resolve a target at the state it answers."""
     stop_ns: int = 200_000_000
+    """Time in which a trajectory that is broken off comes to rest, ns."""
 
 
 @dataclass(frozen=True, eq=False)
 class ControllerOutput:
-    """What answers the state of `stamp` ns.
-
-    position (7,) rad and velocity (7,) rad/s: the joint target, no further ahead of the arm than it may press by; torque (7,) Nm, without
-    gravity; limited: names of the guards that changed the torque.
-    """
+    """The answer to one state."""
 
     stamp: int
+    """Of the state, ns."""
     position: np.ndarray
+    """Joint target (7,) rad, no further ahead of the arm than it may press by."""
     velocity: np.ndarray
+    """Velocity of the joint target (7,) rad/s."""
     torque: np.ndarray
+    """Torque (7,) Nm, without gravity."""
     limited: tuple[str, ...]
+    """Names of the guards that changed the torque."""
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
+    """A measured state of the arm."""
+
     stamp: int
+    """ns."""
     q: np.ndarray
+    """Joints (7,) rad."""
     dq: np.ndarray
+    """Velocities (7,) rad/s."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Target:
-    """A target of T_E from `stamp` ns on: position (3,) m, rotation (3, 3), joints (7,) rad, gains (2, 7)."""
+    """A target of T_E with its inverse kinematics."""
 
     stamp: int
+    """Time from which it is in force, ns."""
     position: np.ndarray
+    """Position of T_E (3,) m."""
     rotation: np.ndarray
+    """Rotation of T_E (3, 3)."""
     joints: np.ndarray
+    """Joint target (7,) rad."""
     gains: np.ndarray
+    """Stiffness and damping ratio (2, 7)."""
 
 
 _REST = np.zeros(7)  # rad/s, rad/s^2

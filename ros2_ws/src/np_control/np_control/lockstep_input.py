@@ -22,14 +22,14 @@ TRAJECTORY_PHASES = (APPROACH, EXCITE)
 
 @dataclass(frozen=True)
 class TickInputs(Generic[TrajectoryT, PoseT, GainsT]):
-    """What takes effect at a tick: phase, and the trajectory or target (pose, gains) that belongs to it.
-
-    trajectory: with its gains, or None for the controller's own.
-    """
+    """What takes effect at a policy tick."""
 
     phase: str
+    """The phase in force."""
     trajectory: tuple[TrajectoryT, GainsT | None] | None = None
+    """The trajectory that begins, with its gains, or None for the controller's own."""
     target: tuple[PoseT, GainsT] | None = None
+    """The target that begins: pose and gains."""
 
 
 class LockstepCommandInput(Generic[TrajectoryT, PoseT, GainsT]):

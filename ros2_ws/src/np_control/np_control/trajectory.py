@@ -11,15 +11,14 @@ from np_control.safety import Reason, Refusal, SafetyLimits
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """times (n,) s from the start, n >= 1, increasing; positions (n, 7) rad; velocities (n, 7) rad/s.
-
-    Between points position is the cubic that meets both positions and velocities, so that velocity is
-    continuous. Before the first point it rests there, after the last it stays there.
-    """
+    """A joint trajectory. Between points the position is the cubic that meets both positions and velocities; outside, the arm rests at the first or last point."""
 
     times: np.ndarray
+    """Times from the start (n,) s, n >= 1, increasing."""
     positions: np.ndarray
+    """Joints (n, 7) rad."""
     velocities: np.ndarray
+    """Velocities (n, 7) rad/s."""
 
     @property
     def duration(self) -> float:

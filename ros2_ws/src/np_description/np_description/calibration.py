@@ -35,12 +35,10 @@ class CalibrationError(ValueError):
 
 @dataclass(frozen=True)
 class Lens(Pinhole):
-    """Intrinsics of the images that a camera gives, before rectification.
-
-    distortion: k1 k2 p1 p2 k3 (Brown-Conrady, ROS's plumb_bob).
-    """
+    """Intrinsics of a camera's images before rectification."""
 
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """k1 k2 p1 p2 k3 (Brown-Conrady, ROS's plumb_bob)."""
 
     def __post_init__(self) -> None:
         numbers = np.array([self.fx, self.fy, self.cx, self.cy, *self.distortion], float)
@@ -57,49 +55,58 @@ class Lens(Pinhole):
 
 @dataclass(frozen=True)
 class CalibrationErrors:
-    """How well it was measured. The 95 % bounds are of the length of the error.
-
-    position_95 m; rotation_95 rad; keypoint_95 px: of a point on the table in the policy's image;
-    reprojection_rms px in the images it was measured in; views, corners: how many were used.
-    """
+    """How well a camera was calibrated; the 95 % bounds are of the length of the error."""
 
     position_95: float
+    """Bound of the camera's position, m."""
     rotation_95: float
+    """Bound of the camera's rotation, rad."""
     keypoint_95: float
+    """Bound of a point on the table in the policy's image, px."""
     reprojection_rms: float
+    """In the images of the calibration, px."""
     views: int
+    """Number of images used."""
     corners: int
+    """Number of board corners used."""
 
 
 @dataclass(frozen=True)
 class TablePlane:
-    """The table as the board lying on it was seen: height m of the plane at `at` (x, y m), tilt (2,) rad
-    about x and y, and the 95 % bounds of both."""
+    """The table, measured by a board lying on it."""
 
     height: float
+    """Height of the plane at `at`, m."""
     tilt: tuple[float, float]
+    """Tilt about x and y (2,) rad."""
     at: tuple[float, float]
+    """Place x, y of the board, m."""
     height_95: float
+    """95 % bound of the height, m."""
     tilt_95: float
+    """95 % bound of the tilt, rad."""
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """A camera in the base frame.
-
-    made: when, with time zone; lens: of the images measured; position (3,) m and quaternion wxyz (4,): the
-    optical frame in the base frame; covariance (6, 6): of position m and rotation vector rad, both in base
-    axes, where the true rotation is exp(error) times ours; source: the recordings it was made from.
-    """
+    """A camera in the base frame."""
 
     made: datetime
+    """Time of the calibration, with time zone."""
     lens: Lens
+    """Intrinsics of the images measured."""
     position: np.ndarray
+    """Optical frame in the base frame (3,) m."""
     quaternion: np.ndarray
+    """Optical frame in the base frame, wxyz (4,)."""
     covariance: np.ndarray
+    """Of position m and rotation vector rad in base axes (6, 6); the true rotation is exp(error) times this one."""
     errors: CalibrationErrors
+    """How well it was measured."""
     table: TablePlane | None = None
+    """The table's plane, where it was measured."""
     source: str = ""
+    """The recordings it was made from."""
 
     def __post_init__(self) -> None:
         for name, shape in (("position", (3,)), ("quaternion", (4,)), ("covariance", (6, 6))):

@@ -14,14 +14,20 @@ from np_common.rotations import namespace
 
 @dataclass(frozen=True)
 class Pinhole:
-    """Intrinsics: width, height px; fx, fy, cx, cy px."""
+    """Intrinsics of a pinhole camera."""
 
     width: int
+    """px."""
     height: int
+    """px."""
     fx: float
+    """Focal length along u, px."""
     fy: float
+    """Focal length along v, px."""
     cx: float
+    """Principal point, u px."""
     cy: float
+    """Principal point, v px."""
 
     @property
     def matrix(self) -> np.ndarray:
@@ -31,13 +37,12 @@ class Pinhole:
 
 @dataclass(frozen=True)
 class Camera(Pinhole):
-    """An ideal pinhole camera fixed in the base frame.
-
-    position (3,) m and rotation (3, 3), optical frame to base frame.
-    """
+    """An ideal pinhole camera fixed in the base frame."""
 
     position: tuple[float, float, float]
+    """Of the optical frame (3,) m."""
     rotation: tuple[tuple[float, float, float], ...]
+    """Optical frame to base frame (3, 3)."""
 
     @property
     def fovy(self) -> float:

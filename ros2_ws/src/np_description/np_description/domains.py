@@ -27,35 +27,42 @@ from np_description.objects.spec import ObjectSpec
 
 @dataclass(frozen=True)
 class Pose:
-    """position (3,) m and quaternion wxyz (4,) in the base frame."""
+    """A pose in the base frame."""
 
     position: np.ndarray
+    """(3,) m."""
     quaternion: np.ndarray
+    """wxyz (4,)."""
 
 
 @dataclass(frozen=True)
 class Box:
-    """A fixed box of the surroundings: centre (3,) m, half size (3,) m, axes along the base frame."""
+    """A fixed box of the surroundings, axes along the base frame."""
 
     name: str
+    """Of its body in the scene."""
     centre: tuple[float, float, float]
+    """(3,) m."""
     half_size: tuple[float, float, float]
+    """(3,) m."""
 
 
 @dataclass(frozen=True)
 class Region:
-    """Uniform distribution of object poses resting on a horizontal surface.
-
-    x, y: ranges m; surface: height m; yaw: range rad; pitch: about the y axis of the yawed object, rad, a multiple of a
-    quarter turn: on which face it rests; quarter_turns: roll and pitch drawn from the four quarter turns instead.
-    """
+    """Uniform distribution of object poses resting on a horizontal surface."""
 
     x: tuple[float, float]
+    """Range, m."""
     y: tuple[float, float]
+    """Range, m."""
     surface: float = 0.0
+    """Height, m."""
     yaw: tuple[float, float] = (-pi, pi)
+    """Range, rad."""
     pitch: float = 0.0
+    """Rotation about the y axis of the yawed object, a multiple of a quarter turn: the face it rests on, rad."""
     quarter_turns: bool = False
+    """Whether roll and pitch are drawn from the four quarter turns instead."""
 
 
 @dataclass(frozen=True)

@@ -11,19 +11,24 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class BoxShape:
-    """centre and half_size (3,) m, in the frame of its body, along its axes."""
+    """A box along the axes of its body's frame."""
 
     centre: tuple[float, float, float]
+    """(3,) m."""
     half_size: tuple[float, float, float]
+    """(3,) m."""
 
 
 @dataclass(frozen=True)
 class CapsuleShape:
-    """centre and half_axis (3,) m, in the frame of its body; radius m."""
+    """A capsule in its body's frame."""
 
     centre: tuple[float, float, float]
+    """(3,) m."""
     half_axis: tuple[float, float, float]
+    """From the centre to the middle of one end's sphere (3,) m."""
     radius: float
+    """m."""
 
 
 Shape = BoxShape | CapsuleShape
@@ -31,13 +36,16 @@ Shape = BoxShape | CapsuleShape
 
 @dataclass(frozen=True)
 class HandShapes:
-    """tip: of rubber, what a finger works with; tip_width, m: of it along x, from the middle to where it may meet a point;
-    shaft: the rest of the finger, bare; housing: of the hand."""
+    """The hand's shapes that touch."""
 
     tip: Shape
+    """Rubber tip of a finger."""
     tip_width: float
+    """Half width of the tip along x that may meet a point, m."""
     shaft: Shape
+    """The rest of the finger, without rubber."""
     housing: tuple[Shape, ...]
+    """The hand's body."""
 
     @property
     def finger(self) -> tuple[Shape, ...]:

@@ -15,38 +15,56 @@ import yaml
 
 @dataclass(frozen=True)
 class Frame:
-    """A fixed transform, parent to child: position (3,) m, quaternion wxyz (4,)."""
+    """A fixed transform, parent to child."""
 
     position: np.ndarray
+    """(3,) m."""
     quaternion: np.ndarray
+    """wxyz (4,)."""
 
 
 @dataclass(frozen=True)
 class Inertial:
-    """mass kg, com (3,) m in the link frame, inertia (ixx iyy izz ixy ixz iyz) kg m^2 about the com."""
+    """The inertial parameters of a link."""
 
     mass: float
+    """kg."""
     com: np.ndarray
+    """Centre of mass in the link frame (3,) m."""
     inertia: np.ndarray
+    """ixx iyy izz ixy ixz iyz about the centre of mass, kg m^2."""
 
 
 @dataclass(frozen=True, eq=False)  # compared and hashed by identity: arrays have no truth value
 class PandaModel:
-    """The arm. Arrays have one entry a joint, base to wrist; SI units."""
+    """The arm; arrays have one entry a joint, base to wrist."""
 
     joints: tuple[str, ...]
+    """Names of the arm's joints."""
     fingers: tuple[str, ...]
+    """Names of the finger joints."""
     position_lower: np.ndarray
+    """rad."""
     position_upper: np.ndarray
+    """rad."""
     velocity_limit: np.ndarray
+    """rad/s."""
     torque_limit: np.ndarray
+    """Nm."""
     torque_rate_limit: float
+    """Nm/s."""
     ready: np.ndarray
+    """Ready posture, rad."""
     frictionloss: np.ndarray
+    """Coulomb friction, Nm."""
     damping: np.ndarray
+    """Viscous friction, Nm s/rad."""
     armature: np.ndarray
+    """Rotor inertia at the joint, kg m^2."""
     frames: dict[str, Frame] = field(repr=False)
+    """Fixed transform of each link to its parent, by name."""
     inertials: dict[str, Inertial] = field(repr=False)
+    """By link."""
 
     @property
     def joint_frames(self) -> list[Frame]:

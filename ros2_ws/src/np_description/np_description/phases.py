@@ -16,16 +16,16 @@ PHASES = (*AT_REST, *ACTIVE, EXCITE)
 
 @dataclass(frozen=True)
 class PhaseState:
-    """The phase in force, why, where there is something to explain, and the name of the experiment under way.
-
-    since: stamp ns, as text, of the first keypoints that count, of a `pre` in which a contact is chosen anew. As text the state is
-    one line: "failed: post: timeout", "excite: dwell". Raises ValueError for a phase that is none, or a stamp that is no number.
-    """
+    """The phase in force. As text it is one line: "failed: post: timeout", "excite: dwell". Raises ValueError for an unknown phase, or a stamp that is no number."""
 
     phase: str
+    """One of PHASES."""
     reason: str = ""
+    """Why, where there is something to explain."""
     experiment: str = ""
+    """Name of the experiment under way."""
     since: str = ""
+    """Stamp ns, as text, of the first keypoints that count, of a `pre` in which a contact is chosen anew."""
 
     def __post_init__(self) -> None:
         if self.phase not in PHASES:

@@ -10,13 +10,16 @@ from np_description.domains import Domain, Pose
 
 @dataclass(frozen=True)
 class SceneChange:
-    """lift: m by which table, obstacles and what lies on them are higher. table, finger: factors of the coefficient of friction of the
-    object with table and obstacles, and with a fingertip. mass: factor of the object's mass, with its inertia."""
+    """A change of the nominal scene."""
 
     lift: float = 0.0
+    """Height by which table, obstacles and what lies on them are raised, m."""
     table: float = 1.0
+    """Factor of the object's friction with table and obstacles."""
     finger: float = 1.0
+    """Factor of the object's friction with a fingertip."""
     mass: float = 1.0
+    """Factor of the object's mass and inertia."""
 
     def domain(self, domain: Domain) -> Domain:
         """The domain with the object's true mass."""

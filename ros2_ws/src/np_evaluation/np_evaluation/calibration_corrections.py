@@ -17,7 +17,6 @@ numbers of the robot's own configuration. Policies need not learn them: with the
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,13 +42,16 @@ LONGEST = 0.25  # s between two ticks from which corners are carried on
 
 @dataclass(frozen=True)
 class Corrections:
-    """What the nodes are told. camera: the true one; delay: s by which images are late; arm: its effects; remaining: what nobody corrects, which
-    policies have to know."""
+    """Corrections of detector and driver."""
 
     camera: Camera
+    """The true camera."""
     delay: float
+    """Delay of the images, s."""
     arm: Patch
+    """Effects that the driver compensates."""
     remaining: Patch
+    """Effects that are not corrected, which policies have to be trained for."""
 
     @property
     def is_none(self) -> bool:
@@ -57,13 +59,10 @@ class Corrections:
         return self.camera == CAMERA and self.delay == 0.0 and not self.arm.effects
 
 
-def corrections(patch: Patch, left: Collection[str] = ()) -> Corrections:
-    """The configuration that a patch asks for. left: effects that nobody shall correct, by id."""
+def corrections(patch: Patch) -> Corrections:
+    """The configuration that a patch asks for."""
     by = {"camera": [], "arm": [], "delay": [], "remaining": []}
     for effect in patch.effects:
-        if effect.effect in left:
-            by["remaining"].append(effect)
-            continue
         whose = "camera" if effect.effect in OF_CAMERA else "arm" if effect.effect in OF_DRIVER else "remaining"
         by["delay" if effect.effect == LATENCY else whose].append(effect)
     return Corrections(

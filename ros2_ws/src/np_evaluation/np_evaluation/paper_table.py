@@ -24,16 +24,22 @@ OURS = "ours"
 
 @dataclass(frozen=True)
 class TableSettings:
-    """What all cells of a table share: engine, source of keypoints, episodes a scenario, seed, folder of the results, folder
-    of the weights ("": the project's own), and how often a contact may be chosen in an episode."""
+    """What all cells of a table share."""
 
     engine: str
+    """mujoco or physx."""
     keypoints: str
+    """camera or truth."""
     tries: int
+    """Episodes a scenario."""
     seed: int
+    """Of tasks and sensors."""
     out: Path
+    """Folder of the results."""
     weights: str = ""
+    """Folder; empty: the project's own."""
     contacts: int = 1
+    """How often a contact may be chosen in an episode."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +47,11 @@ class TableCell:
     """One object in one scenario."""
 
     domain: str
+    """Task family."""
     object: str
+    """Row of its table of objects."""
     scenario: int
+    """Number, from 1."""
 
     @property
     def folder(self) -> str:
@@ -52,11 +61,14 @@ class TableCell:
 
 @dataclass(frozen=True)
 class CellResult:
-    """What came of a cell: its episodes in order, and what went wrong where it was not played ("": nothing)."""
+    """What came of a cell."""
 
     cell: TableCell
+    """The cell."""
     results: tuple[Result, ...] = ()
+    """Its episodes in order."""
     error: str = ""
+    """Why it was not played; empty: it was."""
 
     @property
     def successes(self) -> int:

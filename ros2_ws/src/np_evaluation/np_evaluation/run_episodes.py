@@ -25,12 +25,16 @@ class ResultSink(Protocol):
 
 @dataclass(frozen=True)
 class RunRequest:
-    """Arguments of the graph but for the first episode, name of the engine, whether to record, folder of the logs."""
+    """How episodes are run."""
 
     arguments: Mapping[str, str]
+    """Launch arguments, but for the first episode."""
     engine: str
+    """mujoco or physx."""
     record: bool
+    """Whether bags are recorded."""
     out: Path
+    """Folder of the logs."""
 
 
 def play(

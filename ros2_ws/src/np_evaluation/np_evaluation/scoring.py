@@ -46,24 +46,38 @@ CODE = (
 
 @dataclass(frozen=True)
 class Result:
-    """One episode: number, how it ended, wall time s, engine, contacts chosen. `declared` is "graph" where the graph broke down."""
+    """The result of one episode."""
 
     episode: int
+    """Number."""
     engine: str = field(default="mujoco", kw_only=True)
+    """mujoco or physx."""
     success: bool
+    """By the true pose of the object."""
     declared: str
+    """The phase at its end; "graph" where the graph broke down."""
     reason: str
+    """The graph's reason for a failure."""
     failed_in: str
+    """The phase in which it failed."""
     distance: float | None
+    """Of the object from the goal, m."""
     angle: float | None
+    """Of the object from the goal, rad."""
     duration: float
+    """Simulated time, s."""
     wall_s: float
+    """Wall time, s."""
     contacts: int = field(default=1, kw_only=True)
+    """Number of contacts chosen."""
     depths: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    """Histogram of penetration depths by pair."""
     limit_shares: Sequence[Sequence[float]] = field(default_factory=list)
+    """Largest shares of the joint limits (3, 7): speed, torque, range."""
     force: Mapping[str, object] = field(default_factory=dict)
     """`np_control.force_watch.ForceFigures` as a mapping; empty where the backend estimates no external force."""
     engine_version: str = field(default="", kw_only=True)
+    """Version of the physics."""
 
 
 def result_of(

@@ -10,11 +10,14 @@ from np_description.weights.contract import Contract, camera_intrinsics, keypoin
 
 @dataclass(frozen=True)
 class DetectorContract(Contract):
-    """What a detector was trained for: domain, order of its keypoints, size and intrinsics, px, of the camera."""
+    """What a detector was trained for."""
 
     domain: str
+    """Task family."""
     keypoint_order: tuple[str, ...]
+    """Names of its keypoints in order."""
     camera: dict[str, float]
+    """Size and intrinsics, px."""
 
     @classmethod
     def of(cls, domain: Domain) -> DetectorContract:

@@ -24,11 +24,12 @@ IMAGE_SHAPE = (CAMERA.height, CAMERA.width, 3)
 
 @dataclass(frozen=True)
 class KeypointDetection:
-    """pixels (8, 2) float32: u, v px of the corners, keypoint order, hidden ones included; scores (8,)
-    float32: the probability that the pixel is within 3 px of the true corner."""
+    """Keypoints found in one image, hidden ones included."""
 
     pixels: np.ndarray
+    """u, v px of the corners in keypoint order (8, 2) float32."""
     scores: np.ndarray
+    """Probability that a pixel is within 3 px of the true corner (8,) float32."""
 
     @property
     def keypoints(self) -> np.ndarray:

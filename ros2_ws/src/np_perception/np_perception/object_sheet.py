@@ -20,12 +20,16 @@ _SCALE = 0.100  # m, a line to measure
 
 @dataclass(frozen=True)
 class Face:
-    """A face seen from outside: unit vectors of the object's frame out of it, to the right and up, and its width and height, m."""
+    """A face of the object, seen from outside, in the object's frame."""
 
     out: np.ndarray
+    """Unit vector outwards."""
     right: np.ndarray
+    """Unit vector to the right."""
     up: np.ndarray
+    """Unit vector upwards."""
     size: tuple[float, float]
+    """Width and height, m."""
 
     def keypoint(self, right: int, up: int) -> int:
         """Number of the corner on that side (-1 or 1 each)."""

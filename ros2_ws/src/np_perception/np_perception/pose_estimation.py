@@ -34,11 +34,14 @@ class PoseError(RuntimeError):
 
 @dataclass(frozen=True)
 class PoseEstimate:
-    """pose: object in the base frame; rms: px, weighted reprojection error; resting: flat on a surface."""
+    """An object pose estimated from keypoints."""
 
     pose: Pose
+    """Object in the base frame."""
     rms: float
+    """Weighted reprojection error, px."""
     resting: bool
+    """Whether the object was taken to lie flat on a surface."""
 
     @property
     def tilt(self) -> float:

@@ -27,19 +27,24 @@ HELP = ("--help", "-h")
 
 @dataclass(frozen=True)
 class NodeParameter:
-    """A declared parameter: name, default, allowed values as text ("" for any), meaning with its unit."""
+    """A declared parameter."""
 
     name: str
+    """As on the command line."""
     default: object
+    """Its value where none is set."""
     allowed: str
+    """Allowed values as text; empty: any."""
     meaning: str
+    """A sentence with the unit."""
 
 
 @dataclass(frozen=True)
 class _Value:
-    """What a node reads of a parameter."""
+    """A parameter's value as a node reads it."""
 
     value: object
+    """The default."""
 
 
 class _Declaring(Node):

@@ -19,13 +19,16 @@ STEP = 0.002  # s, the bridge's
 
 @dataclass(frozen=True)
 class BoxOnTable:
-    """half_size (3,) m and mass kg of the box; tip: where the finger starts, (3,) m, or None for no finger; pressing: the finger
-    is pushed down by a force instead of being led in height."""
+    """A box on a table, with or without a finger that pushes it."""
 
     half_size: tuple[float, float, float]
+    """(3,) m."""
     mass: float
+    """kg."""
     tip: tuple[float, float, float] | None = None
+    """Where the finger starts (3,) m; None: no finger."""
     pressing: bool = False
+    """Whether the finger is pushed down by a force instead of held at a height."""
 
 
 class BoxWorld(Protocol):

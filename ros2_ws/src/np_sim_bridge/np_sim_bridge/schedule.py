@@ -13,13 +13,12 @@ from np_description.control_rate import SECOND_NS as SECOND
 
 @dataclass(frozen=True)
 class Schedule:
-    """When things are due. policy_rate Hz divides the control rate of 500 Hz; image_rate Hz, at most 500.
-
-    Raises ValueError for rates that the period cannot carry.
-    """
+    """When ticks and images are due. Raises ValueError for rates that the control period cannot carry."""
 
     policy_rate: int = 10
+    """Divides the control rate of 500 Hz, Hz."""
     image_rate: int = 30
+    """At most 500 Hz."""
 
     def __post_init__(self):
         if self.policy_rate < 1 or SECOND % (self.policy_rate * PERIOD):

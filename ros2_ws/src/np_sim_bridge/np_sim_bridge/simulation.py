@@ -30,25 +30,28 @@ _NOTHING = np.zeros(7)  # Nm
 
 @dataclass(frozen=True)
 class Measurement:
-    """What the encoders and torque sensors say at `stamp` ns: seven joints, then two fingers.
-
-    position (9,) rad, m; velocity (9,) rad/s, m/s; effort (9,) Nm, N: what the drives gave during the period
-    that ends at the stamp, without gravity.
-    """
+    """One sample of encoders and torque sensors: seven joints, then two fingers."""
 
     stamp: int
+    """ns."""
     position: np.ndarray
+    """(9,) rad, m."""
     velocity: np.ndarray
+    """(9,) rad/s, m/s."""
     effort: np.ndarray
+    """Drive torque without gravity during the period that ends at the stamp (9,) Nm, N."""
 
 
 @dataclass(frozen=True)
 class EpisodeTask:
-    """One episode's task: its number, and the object's start and goal pose in the base frame."""
+    """One episode's task, in the base frame."""
 
     episode: int
+    """Number."""
     start: Pose
+    """The object's pose."""
     goal: Pose
+    """The goal pose."""
 
 
 class Simulation:

@@ -24,11 +24,14 @@ _GOAL = np.array([0.2, 0.8, 0.3, 0.3], np.float32)
 
 @dataclass(frozen=True)
 class Moment:
-    """joints (9,) rad and m; object and goal, None where nobody knows."""
+    """What a window shows of one moment."""
 
     joints: np.ndarray
+    """Arm and fingers (9,) rad and m."""
     body: Pose | None
+    """The object; None where it is unknown."""
     goal: Pose | None
+    """The goal; None where it is unknown."""
 
 
 class Window:

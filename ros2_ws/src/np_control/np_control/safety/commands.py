@@ -14,15 +14,16 @@ from np_control.safety.refusals import Reason, Refusal, check_finite
 
 @dataclass(frozen=True)
 class Command:
-    """One validated effort command.
-
-    stamp: ns, of the state it answers; position (7,) rad, velocity (7,) rad/s: joint target; effort (7,) Nm.
-    """
+    """One validated effort command."""
 
     stamp: int
+    """Of the state that it answers, ns."""
     position: np.ndarray
+    """Joint target (7,) rad."""
     velocity: np.ndarray
+    """Velocity of the joint target (7,) rad/s."""
     effort: np.ndarray
+    """Torque (7,) Nm, without gravity."""
 
 
 def check_command(

@@ -22,17 +22,18 @@ REST_DAMPING = np.array([40.0, 40.0, 40.0, 40.0, 8.0, 8.0, 8.0])  # Nms/rad
 
 @dataclass(frozen=True)
 class AppliedCommand:
-    """What the backend must apply: joint target (7,) rad, its velocity (7,) rad/s, torque (7,) Nm without
-    gravity.
-
-    limited: names of the guards that changed the torque. Gravity compensation is the backend's, on top.
-    """
+    """What the backend must apply, with gravity compensation on top."""
 
     state: State
+    """State of the watchdog."""
     position: np.ndarray
+    """Joint target (7,) rad."""
     velocity: np.ndarray
+    """Velocity of the joint target (7,) rad/s."""
     torque: np.ndarray
+    """Torque (7,) Nm, without gravity."""
     limited: tuple[str, ...]
+    """Names of the guards that changed the torque."""
 
 
 class SafetyFilter:

@@ -28,42 +28,50 @@ def _constant(*values: float):
 
 @dataclass(frozen=True, eq=False)
 class SafetyLimits:
-    """Limits of one arm; arrays have one entry a joint, SI units, T_E in the base frame.
-
-    joints: names in order. position_*: rad, the mechanical range. velocity: rad/s, the datasheet's limit,
-    beyond which the arm faults; torque: Nm without gravity; torque_rate: Nm/s. speed_fraction: share of
-    `velocity` that the guards allow, which leaves them room to brake. wall_margin rad: distance from the
-    mechanical range at which the soft wall stands; wall_rate 1/s: a joint may approach its wall at no more
-    than wall_rate times the distance left. inertia: kg m^2, the least inertia a joint shows when all others
-    are free, 1 / (M^-1)_ii over the whole range (nominal model); sets how soon torque must fall for a joint
-    to stay below its speed. workspace_*: (3,) m box for targets of T_E. Its floor lies under the table (z =
-    0), since pressing down takes a target below the surface. workspace_slack m: a target further outside is
-    refused, not clamped. start_tolerance rad: how far the first joint target may be from the measured
-    position. press: N, by which the target of a trajectory, or one that is held, may make the hand press; see `press_force_scale`. late, missed
-    periods and silence: see `Watchdog` and `check_command`.
-    """
+    """Limits of one arm; arrays have one entry a joint, T_E is in the base frame."""
 
     joints: tuple[str, ...]
+    """Names in order."""
     position_lower: np.ndarray
+    """Lower end of the mechanical range, rad."""
     position_upper: np.ndarray
+    """Upper end of the mechanical range, rad."""
     velocity: np.ndarray
+    """Data sheet's limit, beyond which the arm faults, rad/s."""
     torque: np.ndarray
+    """Limit of the torque without gravity, Nm."""
     torque_rate: float
+    """Limit of its rate, Nm/s."""
     period_ns: int = PERIOD_NS
+    """Control period, ns."""
     speed_fraction: float = 0.8
+    """Share of `velocity` that the guards allow, which leaves them room to brake."""
     wall_margin: float = 0.05
+    """Distance of the soft wall from the mechanical range, rad."""
     wall_rate: float = 5.0
+    """A joint approaches its wall at no more than this times the distance left, 1/s."""
     inertia: np.ndarray = _constant(0.17, 0.56, 0.138, 0.22, 0.11, 0.12, 0.10)
+    """Least inertia of a joint when all others are free, 1 / (M^-1)_ii over the whole range, kg m^2; sets how soon torque must fall."""
     workspace_lower: np.ndarray = _constant(0.20, -0.50, -0.06)
+    """Lower corner of the box for targets of T_E (3,) m; below the table, since a target that presses lies below its surface."""
     workspace_upper: np.ndarray = _constant(0.80, 0.50, 0.80)
+    """Upper corner (3,) m."""
     workspace_slack: float = 0.10
-    gain_slew: float = 50.0  # 1/s: the whole range of a gain takes at least 1 / gain_slew seconds
+    """A target further outside the box is refused, not clamped, m."""
+    gain_slew: float = 50.0
+    """The whole range of a gain takes at least 1 / gain_slew seconds, 1/s."""
     start_tolerance: float = 0.10
+    """Largest distance of the first joint target from the measured position, rad."""
     press: float = 30.0
-    rest_speed: float = 0.05  # rad/s, below which the arm counts as at rest
+    """Force by which a held target or that of a trajectory may make the hand press, N; see `press_force_scale`."""
+    rest_speed: float = 0.05
+    """Speed below which the arm counts as at rest, rad/s."""
     late_periods: int = 3
+    """Periods after which a command is late; see `check_command`."""
     missed_periods: int = 3
+    """Missed periods after which the arm holds; see `Watchdog`."""
     silence_ns: int = 200_000_000
+    """Time without commands after which the arm stops, ns; see `Watchdog`."""
 
     @classmethod
     def of(cls, panda: PandaModel, **changes) -> SafetyLimits:

@@ -17,15 +17,18 @@ STEP = 0.02  # mm
 
 @dataclass(frozen=True)
 class PenetrationDepths:
-    """Depths mm of many moments. median, q99, largest of all pairs that are not of rubber; by_pair: the same of each pair
-    (None where a pair never touched); pushed_otherwise: share of the moments in which the robot touches the object where
-    housing or links do."""
+    """Penetration depths of many moments."""
 
     median: float | None
+    """Of all pairs that are not of rubber, mm."""
     q99: float | None
+    """99 % quantile of the same, mm."""
     largest: float | None
+    """Largest of the same, mm."""
     by_pair: Mapping[str, Mapping[str, float]]
+    """The same three by pair; None where a pair never touched."""
     pushed_otherwise: float | None
+    """Of the moments in which the robot touches the object, the share in which housing or links do."""
 
     def as_dict(self) -> dict:
         """For JSON: the keys of the command line's contract."""

@@ -14,13 +14,16 @@ from np_description.hand import FLAT_HAND, ROUND_HAND, HandShapes
 
 @dataclass(frozen=True)
 class Compliance:
-    """How a contact gives way: a spring and damper of `time_constant` s and `damping_ratio` for the masses that meet, of which
-    the share impedance[0] acts at the first touch, impedance[1] from a depth of `width` m on (MuJoCo's solref and solimp)."""
+    """A contact's spring and damper (MuJoCo's solref and solimp)."""
 
     time_constant: float
+    """For the masses that meet, s."""
     damping_ratio: float
+    """For the masses that meet."""
     impedance: tuple[float, float]
+    """Share of the constraint force at first touch, and from depth `width` on."""
     width: float
+    """m."""
 
     @property
     def solref(self) -> tuple[float, float]:
@@ -35,25 +38,32 @@ class Compliance:
 
 @dataclass(frozen=True)
 class ContactModel:
-    """Coulomb coefficients of the object's partners, compliance of what is hard and of fingertip rubber, and the friction law.
-
-    table: table and obstacles; finger: fingertips; housing: hand; links: arm. elliptic: a cone, else a pyramid that has less
-    friction along its diagonals; impratio: how much stiffer friction is than the normal direction, against creep.
-    iterations, line_search: at most, of the solver; hand: the shapes that touch.
-    """
+    """Friction and compliance of the object's contacts, and the solver's settings."""
 
     name: str
+    """As in contracts of weights."""
     table: float
+    """Coulomb coefficient with table and obstacles."""
     finger: float
+    """Coulomb coefficient with the fingertips."""
     housing: float
+    """Coulomb coefficient with the hand."""
     links: float
+    """Coulomb coefficient with the arm."""
     hard: Compliance
+    """Compliance of all but rubber."""
     rubber: Compliance
+    """Compliance of the fingertips."""
     elliptic: bool
+    """An elliptic friction cone; otherwise a pyramid, which has less friction along its diagonals."""
     impratio: float
+    """Stiffness of friction relative to the normal direction, against creep."""
     iterations: int = 20
+    """Of the solver, at most."""
     line_search: int = 20
+    """Iterations of its line search, at most."""
     hand: HandShapes = FLAT_HAND
+    """The hand's shapes that touch."""
 
     def as_dict(self) -> dict:
         """Its numbers, for what is to be compared or written down."""

@@ -30,20 +30,24 @@ _INVISIBLE = 3  # group of the object's hull, inside its coloured blocks
 
 @dataclass(frozen=True)
 class VisualShape:
-    """What is drawn of a body, in the body's frame: position (3,) m, quaternion wxyz (4,), rgba (4,) 0..1.
-
-    kind and size in m: capsule: radius, half length along z; box: half size (3,); plane: half size x, y; mesh: of a box
-    about it, and vertices (n, 3) m with triangles (m, 3), which number them, outwards.
-    """
+    """A shape that is drawn, in the frame of its body."""
 
     body: str
+    """Name of the body."""
     kind: str
+    """capsule, box, plane or mesh."""
     size: tuple[float, ...]
+    """capsule: radius, half length along z; box: half size (3,); plane: half size x, y; mesh: half size of its bounding box, m."""
     position: np.ndarray
+    """(3,) m."""
     quaternion: np.ndarray
+    """wxyz (4,)."""
     rgba: np.ndarray
+    """(4,) 0..1."""
     vertices: np.ndarray | None = None
+    """Of a mesh (n, 3) m."""
     triangles: np.ndarray | None = None
+    """Numbers of its vertices (m, 3), outwards."""
 
 
 def visual_shapes(model: mujoco.MjModel) -> list[VisualShape]:

@@ -21,25 +21,32 @@ CARRIAGE_SHARE = 0.05  # of the contents' mass, where they slide along several a
 
 @dataclass(frozen=True)
 class SlidingPart:
-    """A body that slides along axis 0, 1 or 2 of the object, from its place at `centre` (3,) m.
-
-    parent: the part that carries it, None for the core; half_size (3,) m: a homogeneous box; touches: whether it is the object's
-    outside; travel: from, to, m; stiffness N/m and damping N s/m of its spring; armature kg: inertia of the drive, which has no
-    weight and slows the spring; friction N.
-    """
+    """A homogeneous box that slides along one axis of the object."""
 
     name: str
+    """Of its body in the scene."""
     axis: int
+    """0, 1 or 2."""
     mass: float
+    """kg."""
     centre: np.ndarray
+    """Its place at rest in the object's frame (3,) m."""
     half_size: np.ndarray
+    """(3,) m."""
     travel: tuple[float, float]
+    """From, to, m."""
     parent: str | None = None
+    """The part that carries it; None: the core."""
     touches: bool = False
+    """Whether it is part of the object's outside."""
     stiffness: float = 0.0
+    """Of its spring, N/m."""
     damping: float = 0.0
+    """Of its spring, N s/m."""
     armature: float = 0.0
+    """Inertia of the drive, which has no weight and slows the spring, kg."""
     friction: float = 0.0
+    """N."""
 
     @property
     def spread(self) -> np.ndarray:
@@ -49,11 +56,14 @@ class SlidingPart:
 
 @dataclass(frozen=True)
 class Core:
-    """The body that carries the parts: mass kg, centre of mass (3,) m, inertia (3, 3) kg m^2 about it."""
+    """The body that carries the sliding parts."""
 
     mass: float
+    """kg."""
     centre: np.ndarray
+    """Centre of mass (3,) m."""
     inertia: np.ndarray
+    """About the centre of mass (3, 3) kg m^2."""
 
 
 def split_object(spec: ObjectSpec) -> tuple[Core, tuple[SlidingPart, ...]]:

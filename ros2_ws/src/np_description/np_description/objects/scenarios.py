@@ -18,22 +18,30 @@ SCATTER = 0.002, 0.03  # m, rad, either way, where the region leaves that much
 
 @dataclass(frozen=True)
 class ScenarioPlace:
-    """x, y: shares of a region, 0 to 1; yaw rad; roll, pitch: quarter turns before it; goal: which goal region, None: the start."""
+    """A place in a region of a domain."""
 
     x: float
+    """Share of the region's range, 0 to 1."""
     y: float
+    """Share of the region's range, 0 to 1."""
     yaw: float = 0.0
+    """rad."""
     roll: int = 0
+    """Quarter turns before the yaw."""
     pitch: int = 0
+    """Quarter turns before the yaw."""
     goal: int | None = 0
+    """Number of the goal region; None: the start region."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """Where the object is, and where it shall be."""
+    """A fixed task."""
 
     start: ScenarioPlace
+    """The object's place."""
     goal: ScenarioPlace
+    """The goal's place."""
 
 
 def _from(*values, **turns) -> ScenarioPlace:

@@ -14,10 +14,12 @@ STIFFNESSES, TRAVELS = (10.0, 1e6), (1e-4, 0.05)  # N/m, m
 
 @dataclass(frozen=True)
 class Friction:
-    """A Coulomb coefficient and where it is from."""
+    """A Coulomb coefficient with its source."""
 
     coefficient: float
+    """Dimensionless."""
     source: str
+    """A publication or a measurement."""
 
     def __post_init__(self):
         _check("friction", self.coefficient, FRICTIONS, "")
@@ -25,20 +27,24 @@ class Friction:
 
 @dataclass(frozen=True)
 class Surface:
-    """What an object is covered with: its friction with a rubber fingertip and with the table and the obstacles."""
+    """The covering of an object."""
 
     name: str
+    """As in object files."""
     finger: Friction
+    """Friction with a rubber fingertip."""
     table: Friction
+    """Friction with the table and the obstacles."""
 
 
 @dataclass(frozen=True)
 class Softness:
-    """How faces give way. stiffness N/m: of the whole object, pressed flat between two plates along its z axis; travel m: of one
-    face, after which it is hard. Other axes give way as the same foam would: by their area over their length."""
+    """Compliance of an object's faces; other axes scale as a foam of their area over their length."""
 
     stiffness: float
+    """Of the whole object, pressed flat between two plates along its z axis, N/m."""
     travel: float
+    """Of one face, after which it is hard, m."""
 
     def __post_init__(self):
         _check("compliance.stiffness", self.stiffness, STIFFNESSES, "N/m")
@@ -47,12 +53,14 @@ class Softness:
 
 @dataclass(frozen=True)
 class Contents:
-    """What slides inside. mass kg, a part of the object's; clearance (3,) m: how far it may slide either way along x, y, z; friction:
-    its Coulomb coefficient with the inside."""
+    """A mass that slides inside an object."""
 
     mass: float
+    """Part of the object's mass, kg."""
     clearance: tuple[float, float, float]
+    """How far it slides either way along x, y, z (3,) m."""
     friction: float
+    """Coulomb coefficient with the inside."""
 
     def __post_init__(self):
         _check("contents.mass", self.mass, MASSES, "kg")
@@ -64,22 +72,26 @@ class Contents:
 
 @dataclass(frozen=True)
 class ObjectSpec:
-    """A box-shaped object of a domain, at home in its frame: origin in the middle, axes along the edges.
-
-    size (3,) m: whole edges; mass kg: all of it; centre_of_mass (3,) m from the middle; inertia (3,) kg m^2 about the centre of
-    mass, axes along the edges (None: of a homogeneous box); compliance: None for hard faces; contents: None for nothing loose.
-    Raises ValueError, one line, for values that no such object has.
-    """
+    """A box-shaped object of a domain: origin in the middle, axes along the edges. Raises ValueError, one line, for values that no such object has."""
 
     name: str
+    """As on command lines."""
     domain: str
+    """Task family that it is moved in."""
     size: tuple[float, float, float]
+    """Edges (3,) m."""
     mass: float
+    """All of it, kg."""
     surface: Surface
+    """Its covering."""
     centre_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """From the middle (3,) m."""
     inertia: tuple[float, float, float] | None = None
+    """About the centre of mass, axes along the edges (3,) kg m^2; None: of a homogeneous box."""
     compliance: Softness | None = None
+    """Of its faces; None: hard."""
     contents: Contents | None = None
+    """What slides inside; None: nothing."""
 
     def __post_init__(self):
         for edge in _vector("size", self.size, "m"):

@@ -36,19 +36,22 @@ SURFACES = {
 
 @dataclass(frozen=True)
 class TableObject:
-    """An object of the table and how many of 15 tries the paper's policy had with it."""
+    """An object of the paper's Table III."""
 
     spec: ObjectSpec
+    """The object."""
     successes: int
+    """Of the paper's policy in 15 tries."""
 
 
 @dataclass(frozen=True)
 class Baselines:
-    """Of 15 tries with the default object: limits of the residual at zeta* from the first step of training (None: not tried), and
-    operational space control."""
+    """The paper's baselines with the default object, of 15 tries."""
 
     fixed_limits: int | None
+    """Limits of the residual at zeta* from the first step of training; None: not tried."""
     operational_space: int
+    """Operational space control."""
 
 
 TRIES = 15

@@ -37,10 +37,12 @@ _TRIES = 200  # postures that are tried
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """Where the board is: position (3,) m and rotation (3, 3) on its carrier, T_E or the base."""
+    """The board's pose on its carrier, T_E or the base."""
 
     position: np.ndarray
+    """(3,) m."""
     rotation: np.ndarray
+    """(3, 3)."""
 
 
 def hand_mount(board: Board) -> Mount:

@@ -30,15 +30,16 @@ POSITION_SPREAD, ROTATION_SPREAD = 0.025, np.radians(2)
 
 @dataclass(frozen=True)
 class TrialArm:
-    """How far the arm is from what its joint states say. offset rad: of each joint, the same in every
-    posture; noise rad: of each joint, another in every posture; standard deviations. tip m: how well a
-    fingertip is put on a corner.
-    """
+    """How far an arm is from its joint states; standard deviations."""
 
     name: str
+    """As in the table of results."""
     offset: float
+    """Of each joint, the same in every posture, rad."""
     noise: float
+    """Of each joint, drawn anew in every posture, rad."""
     tip: float
+    """Of a fingertip put on a corner, m."""
 
 
 ARMS = (

@@ -16,7 +16,7 @@ from np_description.domains import find_domain
 from np_ros.processes.graph import NodeSpec
 from np_ros.processes.supervisor import NodeDied, Supervisor
 
-DOMAIN = "card"
+DOMAIN, PACKAGE = "card", "np_evaluation"
 FRAMES, FRAME_RATE = 500, 30
 
 
@@ -43,9 +43,8 @@ def graph_round_trip(weights: str, seconds: float, logs: Path) -> dict[str, obje
 def observer(logs: Path, *remappings: tuple[str, str]) -> NodeSpec:
     """The node that measures a graph, of the priority of the backend in whose place it listens: else it would count the
     time that it waits for a core itself: on two busy cores, ten times as many late states as the loop has."""
-    return NodeSpec(
-        "np_evaluation", "round_trip", "", {"out": str(logs / "round_trip.json")}, remappings, realtime=LOOP_PRIORITY
-    )
+    out = {"out": str(logs / "round_trip.json")}
+    return NodeSpec(PACKAGE, f"{PACKAGE}.bench.round_trip", "round_trip", out, remappings, realtime=LOOP_PRIORITY)
 
 
 def work_in_real_time(specs: list[NodeSpec], seconds: float, logs: Path) -> dict[str, object]:
@@ -114,7 +113,7 @@ def echo_round_trip(seconds: float, logs: Path) -> dict[str, object]:
     backend = {"mode": "realtime", "camera": False}
     specs = [
         NodeSpec("np_sim_bridge", "sim_bridge", parameters=backend, realtime=LOOP_PRIORITY),
-        NodeSpec("np_evaluation", "echo", realtime=LOOP_PRIORITY),
+        NodeSpec(PACKAGE, f"{PACKAGE}.bench.echo", "echo", realtime=LOOP_PRIORITY),
         observer(logs),
     ]
     with Supervisor(logs) as supervisor:
@@ -133,7 +132,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
     parser.add_argument("--out", type=Path, default=Path("runs/bench"), help="folder for logs; a number is appended")
     options = parser.parse_args(arguments)
-    from np_evaluation import bench_figures as figures
+    from np_evaluation.bench import figures
     from np_ros.client.supervised_client import GraphError
 
     interrupt_on_sigterm()

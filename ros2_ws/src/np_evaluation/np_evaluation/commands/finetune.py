@@ -1,8 +1,8 @@
-"""`rehearse BAG... --domain DOMAIN --out DIR`: from recordings of the suites to recovered success.
+"""`finetune BAG... --domain DOMAIN --out DIR`: from recordings of the suites to recovered success.
 
-Diagnoses what is recorded (`diagnose`, and `chain` where a recording has the task suite), predicts success with it and without it, says which
+Diagnoses what is recorded (`diagnose`, and `diagnose_task` where a recording has the task suite), predicts success with it and without it, says which
 effect costs how much of it, trains the policies on with it, and judges them again. The same command goes on where it ended. The last line
-printed is one JSON object; DIR gets rehearsal.html, rehearsal.json, patch.yaml and weights/.
+printed is one JSON object; DIR gets finetune.html, finetune.json, patch.yaml and weights/.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MOST_MINUTES = 5.0
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = Parser(prog="rehearse", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(prog="finetune", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bags", nargs="*", type=Path, metavar="BAG", help="recordings of `excite`, of either suite")
     parser.add_argument("--patch", type=Path, help="patch.yaml in place of recordings: the diagnosis is there already")
     parser.add_argument("--domain", choices=list(DOMAINS), default="wall")
@@ -50,7 +50,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--train", nargs=argparse.REMAINDER, default=[], help="further options of np_training.train")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes (default: %(default)s)")
-    parser.add_argument("--out", type=Path, default=Path("runs/rehearsal"))
+    parser.add_argument("--out", type=Path, default=Path("runs/finetune"))
     options = parser.parse_args(arguments)
     if bool(options.bags) == bool(options.patch):
         parser.error("expected recordings, or --patch")
@@ -64,7 +64,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point. Status 1: a doctor refuses, training fails, a recording is of another domain's episodes, or files are of another rehearsal."""
+    """Entry point. Status 1: a doctor refuses, training fails, a recording is of another domain's episodes, or files are of other results."""
     options = parse(arguments)
     interrupt_on_sigterm()
     begun, out = time.monotonic(), options.out.resolve()
@@ -95,13 +95,13 @@ def main(arguments: list[str] | None = None) -> int:
         print("interrupted; what is finished is kept, the same command goes on with the rest", file=sys.stderr)
         return INTERRUPTED
     except (OSError, ValueError) as error:
-        print(f"rehearse: {error}", file=sys.stderr)
+        print(f"finetune: {error}", file=sys.stderr)
         print(json.dumps({"error": str(error)}))
         return 1
     from np_evaluation.finetune.page import render, sentence  # drawing is slow to import
 
     told["wall_s"] = round(time.monotonic() - begun, 1)
-    report = out / "rehearsal.html"
+    report = out / "finetune.html"
     report.write_text(render(told, patch, out), encoding="utf-8")
     print(sentence(told))
     print(json.dumps({name: value for name, value in told.items() if name != "played"} | {"report": str(report)}))

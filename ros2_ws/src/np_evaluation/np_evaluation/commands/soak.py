@@ -37,15 +37,22 @@ def parser() -> argparse.ArgumentParser:
 
 @dataclass
 class SoakRun:
-    """What has been seen so far: how episodes ended, how often the backend stopped, what each node used after each episode."""
+    """A soak test under way."""
 
     graph: dict[str, str]
+    """Launch arguments."""
     allowed: float
-    revision: str  # of the code that was started, whatever the working tree has by the end
+    """Growth of a node's memory that is allowed, kB an episode."""
+    revision: str
+    """Of the code at the start."""
     began: float = field(default_factory=time.monotonic)
+    """time.monotonic() at the start, s."""
     ends: dict[str, int] = field(default_factory=dict)
+    """Number of episodes by declared end."""
     stops: int = 0
+    """How often the backend stopped."""
     uses: dict[str, list] = field(default_factory=dict)
+    """Use of each node after each episode."""
 
     @property
     def episodes(self) -> int:

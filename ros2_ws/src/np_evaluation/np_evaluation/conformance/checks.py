@@ -33,14 +33,14 @@ ANY, REAL_TIME, CAMERA, PAUSE = "any mode", "real time", "real time with a camer
 
 @dataclass(frozen=True)
 class ConformanceCheck:
-    """One thing that the contract promises: in words, whom it is asked of, and how.
-
-    `run(harness)` raises Broken or TimeoutError, both with words.
-    """
+    """One promise of the contract."""
 
     words: str
+    """What is promised."""
     asked_of: str
+    """The kind of backend that it applies to."""
     run: Callable[[Harness], None]
+    """Raises BackendViolation or TimeoutError where the promise is broken."""
 
 
 CHECKS: list[ConformanceCheck] = []

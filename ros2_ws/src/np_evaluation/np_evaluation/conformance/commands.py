@@ -31,20 +31,24 @@ Make = Callable[[JointState], Command]
 
 @dataclass(frozen=True)
 class BackendCommands:
-    """One kind of command.
-
-    sent: topics and their types; period: ns between two commands; subscribed, published: what a backend that
-    takes them adds to the graph; stay, turn, turn_fast: commands for a state; bad: reason -> command that
-    must be refused."""
+    """One kind of command that moves a backend."""
 
     sent: dict[str, type]
+    """Message types by topic."""
     period: int
+    """Between two commands, ns."""
     subscribed: dict[str, str]
+    """Types of the topics that a backend of this kind subscribes to."""
     published: dict[str, str]
+    """Types of the topics that it publishes besides."""
     stay: Make
+    """Makes a command that keeps the posture of a state."""
     turn: Make
+    """Makes a command that turns the last joint."""
     turn_fast: Make
+    """Makes a command that turns it over its speed limit."""
     bad: dict[str, Make]
+    """Makes a command that must be refused, by reason."""
 
 
 # Efforts

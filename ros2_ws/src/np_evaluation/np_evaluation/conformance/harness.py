@@ -26,16 +26,18 @@ def expect(kept: object, text: str) -> None:
 
 @dataclass(frozen=True)
 class TestedBackend:
-    """A backend: its node's name, what moves it, and what it can do besides moving the arm.
-
-    has_tasks: it draws tasks; has_camera: it gives images; can_pause: its time can stand still.
-    """
+    """A backend and its abilities."""
 
     name: str
+    """Of its node."""
     commands: BackendCommands = EFFORTS
+    """The kind of command that moves it."""
     has_tasks: bool = False
+    """Whether it draws tasks."""
     has_camera: bool = False
+    """Whether it publishes images."""
     can_pause: bool = False
+    """Whether its time can stand still."""
 
 
 def silent(state: JointState) -> None:

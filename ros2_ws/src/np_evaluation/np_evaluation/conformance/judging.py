@@ -19,12 +19,16 @@ class NotTestable(RuntimeError):
 
 @dataclass(frozen=True)
 class CheckResult:
-    """A check, how long it took (s), and what was broken; "" where it was kept. Of one that was not asked: why not."""
+    """The result of one check."""
 
     check: ConformanceCheck
+    """The check."""
     was_asked: bool
+    """Whether it applies to the backend."""
     text: str
+    """What was broken, empty where it was kept; why it was not asked."""
     seconds: float = 0.0
+    """Duration."""
 
     @property
     def mark(self) -> str:

@@ -24,13 +24,18 @@ DRAIN = 1.0  # s in which the last messages arrive
 
 @dataclass
 class FuzzResult:
-    """One topic: messages sent by kind; how many each node refused; who died, with its last lines; who fell silent."""
+    """What came of fuzzing one topic."""
 
     topic: str
+    """Its name."""
     sent: dict[str, int] = field(default_factory=dict)
+    """Number of messages by kind."""
     refused: dict[str, int] = field(default_factory=dict)
+    """Number of refusals by node."""
     died: dict[str, str] = field(default_factory=dict)
+    """Last lines of the nodes that died, by node."""
     silent: list[str] = field(default_factory=list)
+    """Nodes that fell silent."""
 
 
 class Fuzzer:

@@ -12,15 +12,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class ResourceUse:
-    """Of one process: resident memory of its own kB, open handles, threads.
-
-    Its own is what it has written, alone or shared. Pages of program files do not count: they come when a rare path of a library is
-    first run (1.6 MB of OpenCV's in `episode`), once, and the kernel takes them away again as it likes.
-    """
+    """Use of one process."""
 
     memory: int
+    """Resident memory that it has written, alone or shared, kB; pages of program files do not count, the kernel loads and drops them."""
     handles: int
+    """Open file handles."""
     threads: int
+    """Number of threads."""
 
 
 def measure_use(pid: int) -> ResourceUse:
@@ -39,13 +38,16 @@ def processor_seconds(pid: int) -> float:
 
 @dataclass(frozen=True)
 class Trend:
-    """Of one process over episodes, those of the warm-up left out: memory of its own kB at the beginning and end (medians of a tenth
-    each), kB an episode by a line through all; handles and threads at the beginning and at the end."""
+    """Use of one process over the episodes after the warm-up."""
 
     memory: tuple[int, int]
+    """At the beginning and at the end, medians of a tenth each, kB."""
     memory_per_episode: float
+    """Slope of a line through all, kB."""
     handles: tuple[int, int]
+    """At the beginning and at the end."""
     threads: tuple[int, int]
+    """At the beginning and at the end."""
 
     def is_flat(self, memory_per_episode: float) -> bool:
         """Whether nothing grows: handles and threads not at all, memory by less than so many kB an episode."""

@@ -24,7 +24,6 @@ from np_policy.contract import POST_CONTACT, PRE_CONTACT
 
 ON_CPU = ("--device", "cpu", "--worlds", "128")
 DISTIL_SHARE = 0.15  # of the time for training; the student is taught on from the one that is there
-START = 45.0  # s that both take besides; where no kernels are kept yet a minute more
 DONE = "learned.json"
 SAVE_EVERY = "30"  # s between checkpoints, with which a training that is killed goes on
 
@@ -35,17 +34,16 @@ class TrainingInterrupted(OSError):
 
 @dataclass(frozen=True)
 class Learning:
-    """minutes: of training, from its first update on; gpu: its number, None for the CPU; seed; options: further ones of np_training.train."""
+    """How policies are trained on."""
 
     minutes: float
+    """Of training, from its first update on."""
     gpu: int | None = None
+    """Number of the GPU; None: the CPU."""
     seed: int = 0
+    """Of the training."""
     options: tuple[str, ...] = ()
-
-    @property
-    def seconds(self) -> float:
-        """How long training and distillation take."""
-        return START + 60 * self.minutes * (1 + DISTIL_SHARE)
+    """Further options of np_training.train."""
 
 
 def split_trainable(patch: Patch) -> tuple[Patch, list[str]]:
@@ -122,17 +120,6 @@ def _training(domain: str, how: Learning) -> list[str]:
     where = ON_CPU if how.gpu is None else ()
     robust = ("--conditions", "robust") if hard else ()
     return ["np_training.train", "--domain", domain, "--seed", str(how.seed), *robust, *where, *how.options]
-
-
-def compile_kernels(domain: str, out: Path, how: Learning, is_over: Callable[[], bool] = lambda: False) -> None:
-    """Have the kernels of a domain's training compiled, by one iteration of it in `out`: those that begin together later find them kept. What
-    goes wrong is said, and costs no more than the time."""
-    out.mkdir(parents=True, exist_ok=True)
-    train = [*_training(domain, how), "--out", str(out), "--iterations", "1"]
-    try:
-        _run(train, out / "train.log", START, f"kernels, {domain}", how.gpu, is_over)
-    except OSError as error:
-        print(error, file=sys.stderr)
 
 
 def _run(

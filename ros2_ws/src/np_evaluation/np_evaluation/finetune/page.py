@@ -1,4 +1,4 @@
-"""rehearsal.html: from gap to recovered success on one page, in plain words."""
+"""finetune.html: from gap to recovered success on one page, in plain words."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def sentence(told: Mapping) -> str:
 
 
 def render(told: Mapping, patch: Patch, folder: Path) -> str:
-    """The page as text, with its pictures in it. folder: of the rehearsal, whose training's log is drawn."""
+    """The page as text, with its pictures in it. folder: of the results, whose training's log is drawn."""
     return page(
         "np_evaluation",
         "finetune.html.j2",

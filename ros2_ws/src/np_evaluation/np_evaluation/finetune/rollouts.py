@@ -33,18 +33,24 @@ CHUNK = 2  # episodes that a process plays at a time, 1 to 10 s: another robot c
 
 @dataclass(frozen=True)
 class RolloutCell:
-    """One policy on one robot. effects: text of a patch.yaml, what the robot has besides the nominal one; weights: folder, "" for the
-    project's own; engine: mujoco or physx; seed: of the tasks and all that is random, with the episode's number; corrected: text of a patch
-    too, of which detector and driver know (`np_evaluation.calibration_corrections`)."""
+    """One policy on one robot."""
 
     domain: str
+    """Task family."""
     engine: str = "mujoco"
+    """mujoco or physx."""
     effects: str = ""
+    """Text of a patch.yaml that the robot has; empty: nominal."""
     weights: str = ""
+    """Folder; empty: the project's own."""
     object: str = DEFAULT
+    """Row of the domain's table of objects, or the text of an object file."""
     seed: int = 0
+    """Of the tasks and all that is random, with the episode's number."""
     contacts: int = 1
+    """How often a contact may be chosen in an episode."""
     corrected: str = ""
+    """Text of a patch that detector and driver are corrected for (`np_evaluation.calibration_corrections`)."""
 
 
 def patch_of(text: str) -> Patch:

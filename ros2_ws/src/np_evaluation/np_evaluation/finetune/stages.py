@@ -1,10 +1,10 @@
-"""The stages of a rehearsal, each with a file for its result: what is there is not done again.
+"""The stages of finetuning, each with a file for its result: what is there is not done again.
 
-recordings.txt    where it was found                                     (`diagnose_bags`)
+recordings.txt    the recordings                                         (`diagnose_bags`)
 patch.yaml        what the doctor found                                  (`diagnose_bags`)
 episodes/*.json   scores, episode by episode, by cell
 learned.json      training and distillation; weights/ has both policies  (learning.learn)
-rehearsal.json    all of it, of what is known so far                     (`run_finetune`)
+finetune.json     all of it, of what is known so far                     (`run_finetune`)
 """
 
 from __future__ import annotations
@@ -45,30 +45,29 @@ Turn = Callable[[], AbstractContextManager[int | None]]
 
 @dataclass(frozen=True)
 class FinetuneSettings:
-    """What is rehearsed.
-
-    robot: the nominal one in the simulator, with the policies that are there; reality: what it is judged by besides, None where that is the
-    lab; episodes: of every figure; share_episodes: of every subset of effects, 0: nobody is blamed; out: folder of all results; name: in front
-    of what progress says; beside: training begins at once, while episodes are played; tell: hears what is known after every stage; go_on:
-    called before every stage with the seconds that it takes at least, and raises where it is not to be begun; is_over: asked while
-    training whether it shall end; left: effects that nobody corrects, by id.
-    """
+    """What is finetuned, and what it is judged by."""
 
     robot: RolloutCell
+    """The nominal robot in the simulator, with the policies to start from."""
     out: Path
+    """Folder of all results."""
     reality: RolloutCell | None = None
+    """A robot to judge by besides; None: that is the lab's."""
     episodes: int = 100
+    """Of every figure."""
     share_episodes: int = 50
+    """Of every subset of effects; 0: costs of single effects are not measured."""
     name: str = ""
+    """Prefix of the progress shown."""
     beside: bool = False
+    """Whether training begins at once, while episodes are played."""
     tell: Callable[[dict], None] = lambda told: None
-    go_on: Callable[[float], None] = lambda seconds: None
+    """Called with the results so far after every stage."""
     is_over: Callable[[], bool] = lambda: False
-    left: tuple[str, ...] = ()
+    """Polled while training; True ends it."""
 
     def play(self, cells: dict[str, RolloutCell], episodes: int, what: str, pool: Executor) -> dict[str, list[float]]:
         """Scores of cells, kept in `out`."""
-        self.go_on(0.0)
         return run_all_rollouts(cells, episodes, self.out / "episodes", pool, self.name + what)
 
     def patched(self, patch: Patch) -> RolloutCell:
@@ -89,7 +88,7 @@ def check_episodes(bags: Sequence[Path], domain: str) -> None:
 
 
 def diagnose_bags(bags: Sequence[Path], out: Path) -> Patch:
-    """What the doctor finds in recordings of the suites: `diagnose` of those of the arm, `chain` of those with keypoints, and out/patch.yaml of
+    """What the doctor finds in recordings of the suites: `diagnose` of those of the arm, `diagnose_task` of those with keypoints, and out/patch.yaml of
     both. Raises OSError where a doctor refuses, with its words, ValueError where `out` has what was found in other recordings."""
     whole, of = out / "patch.yaml", out / "recordings.txt"
     given = "".join(f"{bag.resolve()}\n" for bag in sorted(bags))
@@ -107,7 +106,7 @@ def diagnose_bags(bags: Sequence[Path], out: Path) -> Patch:
             effects += _asked("sim2real.cli.diagnose", arm, out / "arm")
         if task:
             effects += _asked(
-                "sim2real.cli.diagnose_task", task, out / "chain", ("--arm", str(out / "arm")) if arm else ()
+                "sim2real.cli.diagnose_task", task, out / "task", ("--arm", str(out / "arm")) if arm else ()
             )
         whole.write_text(dump_patch(Patch(effects)), encoding="utf-8")
     return load_patch(whole)
@@ -131,21 +130,21 @@ def _asked(doctor: str, bags: Sequence[str], out: Path, options: Sequence[str] =
 def run_finetune(
     what: FinetuneSettings, patch: Patch, how: Learning | None, pool: Executor, turn: Turn | None = None
 ) -> dict:
-    """From a patch to recovered success; what is told, which out/rehearsal.json keeps, also where it ends early. how: None: nothing is trained;
+    """From a patch to recovered success; what is told, which out/finetune.json keeps, also where it ends early. how: None: nothing is trained;
     turn: who trains when, None: at once, where `how` says.
 
     What detector and driver can be told of the patch they are told (`np_evaluation.calibration_corrections`); policies are trained on with the rest.
     """
     begun = time.monotonic()
-    corrected = corrections(patch, what.left)
+    corrected = corrections(patch)
     trained_with, left_out = training_patch(what, patch)
-    told_of = "" if corrected.is_none else text_of(Patch(tuple(e for e in patch.effects if e.effect not in what.left)))
+    told_of = "" if corrected.is_none else text_of(patch)
 
     def say(played: dict, costs: dict, learned: dict | None, after: dict) -> dict:
         told = _told(what, patch, played, after, costs, learned, left_out)
         told["wall_s"] = round(time.monotonic() - begun, 1)
         told["played"] = {name: [int(s) for s in succeeds(each)] for name, each in {**played, **after}.items()}
-        (what.out / "rehearsal.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        (what.out / "finetune.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
         what.tell(told)
         return told
 
@@ -167,7 +166,7 @@ def run_finetune(
 
 def training_patch(what: FinetuneSettings, patch: Patch) -> tuple[Patch, list[str]]:
     """The part of a patch that policies are trained on with, and what neither corrections nor training have, in words."""
-    return split_trainable(corrections(patch, what.left).remaining)
+    return split_trainable(corrections(patch).remaining)
 
 
 def train_on_patch(
@@ -177,12 +176,11 @@ def train_on_patch(
     turn: Turn | None = None,
     is_over: Callable[[], bool] = lambda: False,
 ) -> dict:
-    """What training comes to (`learning.learn`), when it is its turn; what is there already waits for none. Also before a rehearsal, which then
+    """What training comes to (`learning.learn`), when it is its turn; what is there already waits for none. Also before `run_finetune`, which then
     finds it."""
     if (known := read_training_result(what.out)) is not None:
         return known
     with (turn or (lambda: nullcontext(how.gpu)))() as gpu:
-        what.go_on(how.seconds)
         return train_and_distill(
             what.robot.domain,
             training_patch(what, patch)[0],
@@ -257,14 +255,14 @@ def _costs(what: FinetuneSettings, blamed: dict[str, Patch], played: dict, pool:
 
 
 KEPT = {"before": "patched", "corrected": "patched_corrected", "trained": "patched_after"}
-"""What a rehearsal may say is best, and by which scores: nothing told or trained, only told, or both."""
+"""What may be best, and by which scores: nothing told or trained, only told, or both."""
 
 
 def _told(what, patch, played, after, costs, learned, left_out) -> dict:
-    """The whole rehearsal as JSON has it."""
+    """The whole result as JSON has it."""
     scores = {**played, **after}
     success = {name: _rate(succeeds(each)) for name, each in scores.items()}
-    remaining = corrections(patch, what.left).remaining.effects
+    remaining = corrections(patch).remaining.effects
     # What is best is what the simulator that knows the gap says: reality is asked once, not to choose.
     kept = max((k for k, name in KEPT.items() if name in scores), key=lambda k: sum(scores[KEPT[k]]))
     lost = _paired(played["nominal"], played["patched"])

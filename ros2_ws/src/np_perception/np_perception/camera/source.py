@@ -21,10 +21,12 @@ class EndOfImages(Exception):
 
 @dataclass(frozen=True, eq=False)
 class CameraFrame:
-    """stamp: ns on the host's clock when it was taken; pixels (height, width, 3) uint8 RGB."""
+    """One image of a camera."""
 
     stamp: int
+    """Time of the exposure on the host's clock, ns."""
     pixels: np.ndarray
+    """RGB (height, width, 3) uint8."""
 
 
 class CameraSource(Protocol):

@@ -8,22 +8,24 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class NodeSpec:
-    """One node: where it is installed, what it is called, its parameters and topic remappings (before,
-    after).
-
-    nice: priority given up to others on the same cores, 0 (none) to 19. realtime: priority of
-    first-in-first-out scheduling, 1 to 90, where the system permits it (see docs/guide/quickstart.md); 0 for
-    none. is_required: whether `ros2 launch` ends all others where this one ends.
-    """
+    """One node of a graph."""
 
     package: str
+    """The ROS package that it is installed in."""
     executable: str
+    """An installed executable, or the full name of a module of the package, which only our supervisor runs."""
     name: str = ""
+    """The node's name; empty: that of the executable."""
     parameters: Mapping[str, object] = field(default_factory=dict)
+    """Values by parameter."""
     remappings: Sequence[tuple[str, str]] = ()
+    """Topics as (before, after)."""
     nice: int = 0
+    """Priority given up to others on the same cores, 0 (none) to 19."""
     realtime: int = 0
+    """Priority of first-in-first-out scheduling, 1 to 90, where the system permits it; 0: none."""
     is_required: bool = False
+    """Whether `ros2 launch` ends all others where this one ends."""
 
     def __post_init__(self):
         if not self.name:
@@ -32,11 +34,14 @@ class NodeSpec:
 
 @dataclass(frozen=True)
 class LaunchArgument:
-    """A launch argument: name, default (a string, as on the command line), what it means."""
+    """A launch argument."""
 
     name: str
+    """As on the command line, before `:=`."""
     default: str
+    """A string, as on the command line."""
     description: str
+    """What it means, a sentence."""
 
 
 def complete(arguments: Mapping[str, str], known: Sequence[LaunchArgument]) -> dict[str, str]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -49,7 +50,9 @@ class NodeDied(RuntimeError):
 
 
 def installed_command(package: str, executable: str) -> list[str]:
-    """The command of an installed executable. Raises LookupError with the folders searched."""
+    """The command of an installed executable, or of a module of the package. Raises LookupError with the folders searched."""
+    if executable.startswith(f"{package}."):
+        return [sys.executable, "-m", executable]
     prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
     for prefix in prefixes:
         path = prefix / "lib" / package / executable

@@ -18,26 +18,44 @@ SHAPES, MESHES = LOOKS = "shapes", "meshes"
 
 @dataclass(frozen=True)
 class BridgeSettings:
-    """What a bridge is told, as `declare` says it; rates in Hz, `timeout` in s of wall time, files "" for none."""
+    """Parameters of a bridge, as `declare` describes them."""
 
     domain: Domain
+    """Task family with its object."""
     seed: int
+    """Of tasks and sensors."""
     first_episode: int
+    """Number of the episode that the first reset draws."""
     scenario: int
+    """Number of a fixed task; 0: tasks are drawn."""
     substeps: int
+    """Physics steps a control period."""
     mode: str
+    """lockstep or realtime."""
     policy_rate: int
+    """Hz."""
     image_rate: int
+    """Hz."""
     camera: bool
+    """Whether images are published."""
     calibration: str
+    """File of the camera's calibration; empty: as trained."""
     renderer: str
+    """auto, egl or warp."""
     shadows: bool
+    """Whether images have shadows."""
     look: str
+    """Appearance of the scene."""
     tick_barrier: bool
+    """Whether a tick waits for those who answer it."""
     timeout: float
+    """Of an answer in lockstep, s of wall time."""
     priority: int
+    """Of first-in-first-out scheduling; 0: none."""
     effects: str
+    """Patch file of the arm and its view; empty: nominal."""
     force_reflex: str
+    """stop or observe."""
 
     @property
     def lockstep(self) -> bool:

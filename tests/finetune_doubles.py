@@ -1,4 +1,4 @@
-"""Stand-ins for episodes and for processes, by which a rehearsal takes no time."""
+"""Stand-ins for episodes and for processes, by which finetuning takes no time."""
 
 from concurrent.futures import Future
 

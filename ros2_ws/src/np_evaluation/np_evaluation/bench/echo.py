@@ -1,8 +1,6 @@
-"""Answers every state with where the arm is and no torque: the least a controller can do, as the bench's
-peer.
+"""The bench's reference controller: it answers every state with the present posture and no torque.
 
-Written with what rclpy gives, its default executor and messages, to show what the graph's own controller
-adds or saves.
+It uses rclpy's default executor and messages, to show what the graph's own controller adds or saves.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The rehearsal without its episodes: shares, what is kept, what is said."""
+"""Finetuning without its episodes: shares, what is kept, what is said."""
 
 import json
 import threading
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bags import record_episode
-from rehearsing import BOTH, FRICTION, GRIP, WEIGHTS, Here, losing
+from finetune_doubles import BOTH, FRICTION, GRIP, WEIGHTS, Here, losing
 from sim2real.effects.patch import Patch, PatchEffect, load_patch
 
 from np_evaluation.commands import finetune as command
@@ -100,7 +100,7 @@ class TestPlaying:
 
 @pytest.fixture
 def told(tmp_path, monkeypatch):
-    """A rehearsal with a stand-in for episodes and for training."""
+    """Finetuning with a stand-in for episodes and for training."""
     monkeypatch.setattr(playing, "run_rollouts", losing({"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
 
     def learn(domain, patch, out, how, *rest):
@@ -123,7 +123,7 @@ class TestStages:
         assert told["learned"]["student"] == "old" and told["success"]["patched_new_student"]["value"] == 0.8
         costs = {name: cost["value"] for name, cost in told["costs"].items()}
         assert costs == pytest.approx({"coulomb_friction at panda_joint4": 0.25, "gripper_friction at contact": 0.15})
-        assert json.loads((tmp_path / "rehearsal.json").read_text())["cause"] == told["cause"]
+        assert json.loads((tmp_path / "finetune.json").read_text())["cause"] == told["cause"]
 
     def test_what_training_waits_for_is_nothing_where_it_goes_on_beside(self, tmp_path, monkeypatch):
         begun = threading.Event()

@@ -1,8 +1,8 @@
 """Measures the loops of a graph from outside: from a state's publication to the arrival of the command that
-answers it, and from an image's to that of its keypoints.
+answers it, and from an image's publication to the arrival of its keypoints.
 
-Times are those the middleware stamps on messages: a state's at its publication, a command's at its arrival
-here, which is when it arrives at the backend too. What this node does later with a message does not count.
+Times are the middleware's stamps: publication of a state, arrival of a command at this node, which is when it
+arrives at the backend too. The time that this node takes afterwards does not count.
 """
 
 from __future__ import annotations

@@ -1,0 +1,1 @@
+"""Latencies of the graph and its parts."""
