@@ -20,6 +20,8 @@ setup(
     entry_points={
         # executable = node name = 'np_policy.nodes.<name>_node:main'
         "console_scripts": [
+            "check_policy = np_policy.commands.check_policy:main",
+            "export_policy = np_policy.commands.export_policy:main",
             "approach = np_policy.nodes.approach_node:main",
             "episode = np_policy.nodes.episode_node:main",
             "post_contact = np_policy.nodes.post_contact_node:main",

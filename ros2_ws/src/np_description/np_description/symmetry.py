@@ -64,7 +64,12 @@ def canonical_rotation(domain: Domain, goal_keypoints):
 
 
 def canonicalize_keypoints(domain: Domain, keypoints, goal_keypoints):
-    """Keypoints (8, k) and goal keypoints (8, k), of which the first two are normalised image coordinates, in the order
-    in which a policy of the domain sees them; NumPy."""
-    order = corner_orders(domain.half_size)[canonical_rotation(domain, goal_keypoints[..., :2])]
-    return keypoints[order], goal_keypoints[order]
+    """Keypoints (..., 8, k) and goal keypoints (..., 8, k), of which the first two are normalised image coordinates, in the
+    order in which a policy of the domain sees them; NumPy or PyTorch."""
+    orders, chosen = corner_orders(domain.half_size), canonical_rotation(domain, goal_keypoints[..., :2])
+    xp = namespace(keypoints)
+    if xp is np:
+        order = orders[chosen][..., None]
+        return tuple(np.take_along_axis(points, order, axis=-2) for points in (keypoints, goal_keypoints))
+    order = xp.as_tensor(orders, device=keypoints.device)[chosen][..., None]
+    return tuple(xp.take_along_dim(points, order, dim=-2) for points in (keypoints, goal_keypoints))

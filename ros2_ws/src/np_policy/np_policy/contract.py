@@ -64,6 +64,10 @@ class PolicyContract(Contract):
     control_rate: float | None = record_only(default=None)
     target_delay: tuple[float, float] | None = record_only(default=None)
 
+    def check(self, path: str | Path) -> list[str]:
+        """As of every contract; of an .onnx file too."""
+        return self.compare(policy_metadata(path).get(KEY), path)
+
     def compare(self, text: str | None, path: str | Path) -> list[str]:
         """As of every contract; the range of damping ratios has to lie within this one's."""
         warnings = super().compare(text, path)
@@ -106,12 +110,21 @@ class PolicyContract(Contract):
         )
 
 
+def policy_metadata(path: str | Path) -> dict[str, str]:
+    """The metadata of a policy's file, .safetensors or .onnx. Raises WeightsError if it is missing or broken."""
+    if Path(path).suffix != ".onnx":
+        return read_metadata(path)
+    from np_policy.onnx.runtime import open_session  # ONNX Runtime takes a third of a second to load
+
+    return open_session(path).get_modelmeta().custom_metadata_map
+
+
 def residual_limits(path: str | Path) -> action.ResidualLimits:
     """zeta* of post-contact weights: the limits of one step that they were trained with, by the contract in their file.
 
     Raises WeightsError where the contract has none, or some that are not positive.
     """
-    found = json.loads(read_metadata(path)[KEY]).get("residual_limits")
+    found = json.loads(policy_metadata(path)[KEY]).get("residual_limits")
     try:
         limits = action.ResidualLimits(float(found["position"]), float(found["rotation"]))
     except (TypeError, KeyError, ValueError) as error:
@@ -124,16 +137,18 @@ def residual_limits(path: str | Path) -> action.ResidualLimits:
 
 
 def weights_file(kind: str, domain: Domain, folder: str | Path = "") -> Path:
-    """The file with the weights of a kind for a domain.
+    """The file with the weights of a kind for a domain: .safetensors, or .onnx in a folder that has only that.
 
     folder: as for `np_description.weights.released.weights_folder`. Raises WeightsError if there is no folder.
     """
-    return weights_folder(folder) / f"{kind}_{domain.name}.safetensors"
+    file = weights_folder(folder) / f"{kind}_{domain.name}.safetensors"
+    exported = file.with_suffix(".onnx")
+    return exported if exported.is_file() and not file.is_file() else file
 
 
 def damping_floor(path: str | Path) -> float:
     """The least damping ratio of actions of checked weights."""
-    return json.loads(read_metadata(path)[KEY])["damping_ratio_range"][0]
+    return json.loads(policy_metadata(path)[KEY])["damping_ratio_range"][0]
 
 
 def check_weights(domain: Domain, folder: str | Path = "") -> list[str]:

@@ -1,23 +1,22 @@
 """The trained policies as the nodes use them: keypoints in, hand poses and gains out. Pixels in, SI units out.
 
-Inference is single-threaded PyTorch on one sample, so that equal inputs give equal bits.
+Inference is single-threaded on one sample, so that equal inputs give equal bits: PyTorch for .safetensors, ONNX Runtime
+for .onnx, which does without PyTorch.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from np_common.rotations import matrix_from_quaternion, quaternion_from_matrix
 from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose
 from np_description.objects.choice import DEFAULT
-from np_description.symmetry import canonicalize_keypoints
-from np_description.weights.header import read_metadata
 from np_perception.pose_estimation import (
     PoseError,
     estimate_pose,
@@ -25,11 +24,16 @@ from np_perception.pose_estimation import (
     project_keypoints,
     usable_keypoints,
 )
-from np_policy import action, hand_pose, weights
+from np_policy import action, hand_pose
 from np_policy.action import PolicyError
-from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, damping_floor, residual_limits
-from np_policy.networks import PostContactNetwork, PreContactNetwork
-from np_policy.observation import post_contact_observation, student_observation
+from np_policy.contract import (
+    POST_CONTACT,
+    PRE_CONTACT,
+    PolicyContract,
+    damping_floor,
+    policy_metadata,
+    residual_limits,
+)
 from np_policy.size_generalization import (
     canonical_object_position,
     find_trained_domain,
@@ -74,10 +78,10 @@ class PreContactPolicy:
         policy_rate: float = action.RATE,
     ) -> None:
         contract = PolicyContract.of(PRE_CONTACT, domain, policy_rate=policy_rate)
-        self._network, self.warnings = weights.load(PreContactNetwork(), file, contract), contract.check(file)
+        self.warnings, metadata = contract.check(file), policy_metadata(file)
         self._domain, self._camera, self._min_score = domain, camera, min_score
-        metadata = read_metadata(file)
         self._known = find_trained_domain(domain, metadata.get("object", DEFAULT), read_size_range(metadata))
+        self._network = _load_network(file, PRE_CONTACT, self._known or domain, contract)
 
     def propose(self, keypoints, goal) -> PreContact:
         """From keypoints and goal keypoints (8, 3): u px, v px, score. Raises PolicyError.
@@ -85,7 +89,7 @@ class PreContactPolicy:
         For an object of another size than the weights know a pose is chosen as `np_policy.size_generalization` says.
         """
         if self._known is None:
-            return self._choose(self._domain, keypoints, goal)
+            return self._choose(keypoints, goal)
         try:
             objekt, end = (
                 estimate_pose(points, self._domain, min_score=self._min_score, camera=self._camera).pose
@@ -98,7 +102,7 @@ class PreContactPolicy:
                 )
                 for pose in (objekt, end)
             )
-            chosen = self._choose(self._known, *(project_keypoints(self._known, pose, self._camera) for pose in shown))
+            chosen = self._choose(*(project_keypoints(self._known, pose, self._camera) for pose in shown))
         except (PoseError, ValueError) as error:
             raise PolicyError(
                 f"pre-contact policy: expected keypoints with a pose, for a size it was not trained with: {error}"
@@ -109,9 +113,8 @@ class PreContactPolicy:
         )
         return replace(chosen, pose=Pose(there, chosen.pose.quaternion))
 
-    def _choose(self, domain: Domain, keypoints, goal) -> PreContact:
-        here, there = (self._camera.normalise(np.asarray(points)[:, :2]) for points in (keypoints, goal))
-        return student_output(_infer(self._network, student_observation(*canonicalize_keypoints(domain, here, there))))
+    def _choose(self, keypoints, goal) -> PreContact:
+        return student_output(self._network(*(np.asarray(points)[:, :2] for points in (keypoints, goal))))
 
 
 RETREAT_HEIGHT = 0.25  # m, of T_E: above what an upright hand hides from the nominal camera
@@ -138,7 +141,8 @@ class PostContactPolicy:
         reobserve_after: int = 5,
     ) -> None:
         contract = PolicyContract.of(POST_CONTACT, domain, policy_rate=policy_rate)
-        self._network, self.warnings = weights.load(PostContactNetwork(), file, contract), contract.check(file)
+        self.warnings = contract.check(file)
+        self._network = _load_network(file, POST_CONTACT, domain, contract)
         self._limits = residual_limits(file)
         self._damping_floor = damping_floor(file)
         self._domain, self._camera, self._min_score = domain, camera, min_score
@@ -166,12 +170,7 @@ class PostContactPolicy:
         seen = self._fill(keypoints)
         if seen is None:
             return action.decode(np.zeros(action.SIZE), position, rotation, self._limits, self._damping_floor)
-        here, there = self._camera.normalise(seen), self._camera.normalise(np.asarray(goal)[:, :2])
-        here, there = canonicalize_keypoints(self._domain, here, there)
-        state = post_contact_observation(
-            np.asarray(q), np.asarray(dq), here, there, position, rotation, self.last_action
-        )
-        chosen = _infer(self._network, state)
+        chosen = self._network(q, dq, seen, np.asarray(goal)[:, :2], self.last_action)
         if not np.isfinite(chosen).all():
             raise PolicyError(f"post-contact policy: expected 20 finite numbers, got {chosen.tolist()}")
         self.last_action = chosen
@@ -195,6 +194,11 @@ class PostContactPolicy:
         return pixels
 
 
-def _infer(network: torch.nn.Module, state: np.ndarray) -> np.ndarray:
-    with torch.inference_mode():
-        return network(torch.from_numpy(state.astype(np.float32))).numpy().astype(float)
+def _load_network(file: str | Path, kind: str, domain: Domain, contract: PolicyContract) -> Callable[..., np.ndarray]:
+    if Path(file).suffix == ".onnx":
+        from np_policy.onnx.session import load_network
+
+        return load_network(file, kind, domain)
+    from np_policy.torch_network import load_network  # PyTorch takes seconds to load
+
+    return load_network(file, kind, domain, contract)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -70,6 +71,14 @@ def declare_settings(node: Node) -> PolicySettings:
 def declare_weights(node: Node) -> str:
     """Declare and read the parameter `weights`, a folder."""
     return parameter(node, "weights", "", "Folder with released weights; empty: $NP_WEIGHTS, or the project's own.")
+
+
+def use_one_thread(file: Path) -> None:
+    """Of PyTorch, where the weights in `file` need it: equal inputs give equal bits."""
+    if file.suffix != ".onnx":
+        import torch  # slow: no --help should wait for it
+
+        torch.set_num_threads(1)
 
 
 def report_weights(node: Node, diagnostics: Diagnostics, warnings: Sequence[str]) -> None:

@@ -23,7 +23,9 @@ from np_policy.nodes.common import (
     declare_weights,
     report_weights,
     subscribe_keypoints,
+    use_one_thread,
 )
+from np_policy.policy import PostContactPolicy
 from np_ros import qos
 from np_ros.messages import gains_message, pose_message
 from np_ros.node import Diagnostics, parameter, run
@@ -48,11 +50,7 @@ class PostContactNode(Node):
             600,
         )
         file = weights_file(POST_CONTACT, self._settings.domain, folder)
-        import torch  # slow, and only where there are weights: no --help should wait for it
-
-        from np_policy.policy import PostContactPolicy
-
-        torch.set_num_threads(1)
+        use_one_thread(file)
         self._policy = PostContactPolicy(
             file,
             self._settings.domain,

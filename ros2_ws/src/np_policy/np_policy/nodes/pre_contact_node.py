@@ -16,7 +16,15 @@ from np_description.phases import PRE
 from np_perception.pose_estimation import has_enough_keypoints
 from np_policy.action import PolicyError
 from np_policy.contract import PRE_CONTACT, weights_file
-from np_policy.nodes.common import GoalStream, declare_settings, declare_weights, report_weights, subscribe_keypoints
+from np_policy.nodes.common import (
+    GoalStream,
+    declare_settings,
+    declare_weights,
+    report_weights,
+    subscribe_keypoints,
+    use_one_thread,
+)
+from np_policy.policy import PreContactPolicy
 from np_ros import qos
 from np_ros.client.connection_status import has_all_subscribers
 from np_ros.messages import pose_message
@@ -35,11 +43,7 @@ class PreContactNode(Node):
         self._settings = declare_settings(self)
         folder = declare_weights(self)
         file = weights_file(PRE_CONTACT, self._settings.domain, folder)
-        import torch  # slow, and only where there are weights: no --help should wait for it
-
-        from np_policy.policy import PreContactPolicy
-
-        torch.set_num_threads(1)
+        use_one_thread(file)
         self._planner = PreContactPolicy(
             file,
             self._settings.domain,
