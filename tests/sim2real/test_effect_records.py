@@ -14,7 +14,6 @@ from sim2real.effects.effect import ARM, Effect, EffectTarget
 from sim2real.effects.gravity import GravityTorque
 from sim2real.effects.patch import Patch, PatchEffect, load_patch
 from sim2real.effects.registry import MODULES, find_arm_effects
-from sim2real.effects.stage import Stage
 
 from np_description.panda import NOMINAL
 
@@ -98,10 +97,6 @@ def test_a_drive_saturates_with_all_that_it_gives_or_with_the_command_alone():
         assert given_[3] == pytest.approx(min(30.0, 40.0 - share * hold[3]))
         assert np.allclose(np.delete(given_, 3), 30.0)
     assert hold[3] > 11.0
-
-
-def test_the_stages_are_four_and_named_as_reports_name_them():
-    assert [stage.value for stage in Stage] == ["r0", "r1", "r2", "r3"]
 
 
 def test_classes_name_effects_of_the_catalogue():
