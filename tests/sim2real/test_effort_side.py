@@ -35,6 +35,15 @@ def test_a_drives_torque_is_left_as_it_is(log):
     assert convert_to_drive_side([after_gear(log)], ARM, DRIVE)[1] is ARM
 
 
+@pytest.mark.parametrize("share", [0.0, 0.9])
+def test_a_sensor_after_the_gear_sees_no_rotor_and_may_see_friction(log, share):
+    """Bearings and cables after the sensor: the public Panda log of Gaz et al. shows friction, and no rotors."""
+    own = np.array([np.interp(log.torque_time, log.time, v) for v in log.velocity.T]).T
+    friction = np.tanh(own / 0.003) * NOMINAL.frictionloss + own * NOMINAL.damping
+    seen = after_gear(log)
+    assert is_after_gear([replace(seen, torque=seen.torque + share * friction)], ARM)
+
+
 def test_a_sensor_after_the_gear_beside_the_drives_commands_gets_their_friction_back(log):
     shown = after_gear(log)
     assert is_after_gear([shown], ARM)

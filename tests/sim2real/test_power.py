@@ -1,6 +1,7 @@
 """Which experiment would settle an ambiguity, and how probably."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -185,6 +186,15 @@ def test_an_ambiguity_is_answered_with_a_command_and_its_probability(stuck, monk
     assert answer["probability"] > 0.9 and answer["expected_sigma"] > 3
     assert f"--only {answer['name']}" in answer["command"] and f"--only {answer['name']}" in page
     assert make_suite([answer["name"]])  # excite knows it
+
+
+def test_the_page_of_another_arm_has_the_catalogues_experiment(uneven):
+    diagnosis, log = uneven
+    another = SimpleNamespace(context=SimpleNamespace(arm=SimpleNamespace(joints=("waist",))))
+    answer = choose_next_experiment(another, (diagnosis.findings[0], None))
+    report = make_report(diagnosis, [log], 0.0, Consequences(Patch(), experiment=answer))
+    to_json(report)
+    assert f"<b>{answer['name']}</b>" in render(report, diagnosis)
 
 
 def test_without_an_ambiguity_there_is_no_experiment(loaded):

@@ -1,7 +1,8 @@
 """Which torque a recording's `effort` is: that of the drive, or that of a sensor after the gear (docs/reference/graph.md).
 
-A drive's torque holds the friction and the rotor of its joint; a sensor after the gear sees what moves the link. Taken for
-the other one, every joint has its nominal friction too much or not at all: no fault of an arm does that to most joints.
+A drive's torque includes the friction and the rotor of its joint; a sensor after the gear measures what moves the link. No
+fault of an arm removes the rotors of most joints. Part of a joint's friction may lie after the sensor, in bearings and cables, so
+that the rotor alone decides where there is friction.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ DRIVE, SENSOR = "drive", "sensor"
 
 
 def is_after_gear(logs: Sequence[Log], arm: Arm, commanded: bool = False) -> bool:
-    """Whether the measured torque (commanded: the commanded one) holds nothing of the joints' nominal friction.
+    """Whether the measured torque (commanded: the commanded one) lacks the joints' nominal friction or their rotors.
 
-    By the share of it that goes with each joint's motion, the median over the joints that slide.
+    Least squares gives the share of either that the torque has, joint by joint; the medians over the joints that slide decide.
     """
     samples, shares = sample_logs(list(logs), commanded), []
     gravity = None if samples.with_gravity else np.zeros(3)
@@ -37,11 +38,17 @@ def is_after_gear(logs: Sequence[Log], arm: Arm, commanded: bool = False) -> boo
         slides = np.abs(samples.velocity[:, j]) > THRESHOLDS.rows.standstill
         if slides.sum() < EFFORT.rows or not friction[slides].any():
             continue
-        # Beside what else goes with the motion of one joint and is no friction.
-        others = samples.acceleration[slides, j], np.ones(slides.sum()), rigid_part[slides, j]
-        left = samples.torque[slides, j] - rigid_part[slides, j]
-        shares.append(np.linalg.lstsq(np.column_stack([friction[slides], *others]), left, rcond=None)[0][0])
-    return bool(shares) and float(np.median(shares)) < EFFORT.share
+        rotor = samples.acceleration[slides, j] * (arm.armature[j] or 1.0)
+        # An offset, and a wrong scale of the link's torque, are neither.
+        columns = np.column_stack([friction[slides], rotor, np.ones(slides.sum()), rigid_part[slides, j]])
+        residual = samples.torque[slides, j] - rigid_part[slides, j]
+        has_friction, has_rotor = np.linalg.lstsq(columns, residual, rcond=None)[0][:2]
+        shares.append((has_friction, has_rotor if arm.armature[j] else np.nan))
+    if not shares:
+        return False
+    friction, rotor = np.transpose(shares)
+    lacks_rotors = np.isfinite(rotor).any() and np.nanmedian(rotor) < EFFORT.share
+    return bool(np.median(friction) < EFFORT.share or lacks_rotors)
 
 
 def convert_to_drive_side(logs: Sequence[Log], arm: Arm, side: str | None) -> tuple[list[Log], Arm]:

@@ -9,7 +9,7 @@ from sim2real.arm.nominal_prediction import Prediction, make_drive, predict_torq
 from sim2real.arm.sampled_dynamics import SampledDynamics
 from sim2real.effects.evidence import Context, Drive, Transmission
 from sim2real.effects.recurrences import play_operator
-from sim2real.effects.sensing.encoder_quantisation import find_quantum
+from sim2real.effects.sensing.encoder_quantisation import find_quanta
 from sim2real.effects.timing.packet_loss import find_lost_packets
 from sim2real.recordings.signals import Log, Samples, sample_logs
 from sim2real.thresholds import THRESHOLDS
@@ -66,7 +66,7 @@ def find_packets_lost_since(driven: Drive, reference: int) -> tuple[np.ndarray, 
 
 def _quanta(logs: list[Log], reference: int) -> np.ndarray:
     """Steps (k,) rad of the encoders, 0 where none shows or, with a reference, where they are as they were."""
-    before, now = ([find_quantum(column) for column in logs[n].position.T] for n in (0, reference))
+    before, now = (find_quanta(logs[n].position) for n in (0, reference))
     same = np.isclose(now, before, rtol=HINTS.same_step) if reference else np.zeros(len(now), bool)
     return np.where(same, 0.0, now)
 

@@ -14,7 +14,7 @@ class Recordings:
 
     period_tolerance: float = 0.05
     """Largest relative deviation of the period of joint states."""
-    rates: tuple[float, float] = (100.0, 10000.0)
+    rates: tuple[float, float] = (45.0, 10000.0)
     """Hz, lowest and highest rate of a recording that states none; outside, its times are not in seconds."""
     answer: float = 0.5
     """Periods by which the state after a command may be late or early."""
@@ -59,7 +59,7 @@ class Effort:
     """Which torque is measured (`checks.effort_side`)."""
 
     share: float = 0.4
-    """Share of the nominal friction below which a torque contains none of it."""
+    """Share of the nominal friction, or of the rotors, below which a torque contains none of it."""
     rows: int = 100
     """Smallest number of samples in which a joint slides."""
     smooth: int = 9

@@ -10,6 +10,7 @@ from sim2real.effects.hooks import HookContext, SensorHook, SensorSlot
 from sim2real.effects.regressor import EffectRegressor, Parameter
 
 STEP = Quantity("step", "rad", 0.0, 0.01)
+SAME = 0.005  # relative difference of steps that are the same
 
 
 def quantisation_regressor(step: float) -> EffectRegressor:
@@ -20,6 +21,20 @@ def quantisation_regressor(step: float) -> EffectRegressor:
         {},
         "readings lie on a grid",
     )
+
+
+def find_quanta(position: np.ndarray) -> np.ndarray:
+    """Step rad (k,) of each encoder from its readings (n, k): 0 where they lie on no grid, or on a file's.
+
+    A file rounds several joints to the same decimal of a radian or a degree; an encoder divides a turn by its lines.
+    """
+    quanta = np.array([find_quantum(column) for column in position.T])
+    steps = quanta[quanta > 0]
+    if len(steps) < 2 or np.ptp(steps) > SAME * steps.min():
+        return quanta
+    decimals = np.log10(np.mean(steps) / np.array([1.0, np.radians(1.0)]))
+    is_rounded = (np.abs(decimals - np.round(decimals)) < SAME).any()
+    return np.zeros(len(quanta)) if is_rounded else quanta
 
 
 def find_quantum(position: np.ndarray) -> float:

@@ -34,7 +34,7 @@ class LostPackets:
 
     def share(self, rows: np.ndarray) -> tuple[float, float]:
         """(share of some periods (n,) bool in which the command was held, its standard error: losses come by chance)."""
-        seen = rows & self.tellable
+        seen = rows & self.distinguishable
         if seen.sum() > 100:
             found, count = _estimate_share(self.excess[seen]), seen.sum()
         else:
