@@ -70,10 +70,10 @@ def test_of_what_links_are_off_by_the_nuisances_leave_less_than_half_of_what_mat
     the errors of the links became six times as large."""
     targets = make_targets(make_suite())
     states = (x[::40] for x in (targets.position, targets.velocity, targets.acceleration))
-    tables = link_errors._tables(ARM, *states)
+    tables = link_errors._error_torques(ARM, *states)
     errors = np.random.default_rng(0).normal(size=(35, 40))
     for joint, directions in enumerate(link_errors.principal_components(ARM)):
-        columns = link_errors._columns(ARM, tables, joint)
+        columns = link_errors._joint_columns(ARM, tables, joint)
         change, shown = columns @ errors[: columns.shape[1]], columns @ directions
         matters = THRESHOLDS.visible.dynamics * ARM.torque_limit[joint]
         ridge = (3 * matters) ** 2 * np.eye(shown.shape[1])  # each as probable as it is in any arm

@@ -263,11 +263,11 @@ def test_a_play_that_is_new_is_read_off_the_later_recording(before):
     old = with_motor(before, joint, np.zeros_like, 1)
     new = with_motor(before, joint, lambda load: half * np.sign(load), 2)
     c = context_of(old, new)
-    assert backlash._reach(c, joint)[1] == pytest.approx(half, rel=0.1)
+    assert backlash._twist_range(c, joint)[1] == pytest.approx(half, rel=0.1)
     assert backlash._follows_load(c, joint)
     # What both recordings have in common must not be nought in the earlier one: it would be the change.
     earlier = ~c.is_later(c.transmission.trajectory)
-    side = backlash._floating(c, joint, 0.5)
+    side = backlash._twist_side(c, joint, 0.5)
     assert np.abs(side[earlier]).mean() > 0.5 and np.abs(side[~earlier]).mean() > 0.5
 
 

@@ -147,7 +147,7 @@ def test_disagreement_is_beyond_both_intervals():
 
 def test_a_row_of_the_report_says_where_the_two_disagree(recorded):
     wrong = part("coulomb_friction", "panda_joint4", level=(0.7, 0.02))
-    row = refitting._row(refit(recorded, [wrong]), [part("backlash", "panda_joint4", half_play=(1e-4, 1e-5))])
+    row = refitting._refit_row(refit(recorded, [wrong]), [part("backlash", "panda_joint4", half_play=(1e-4, 1e-5))])
     assert row["not_carried"] == ["backlash at panda_joint4"]
     assert row["parameters"][0]["disagree"] is True
     assert row["closed_loop_rad"]["forward"] < row["closed_loop_rad"]["torque_domain"]
