@@ -89,6 +89,33 @@ def test_bounds_are_ordered_and_point_away_from_walls(q, dq):
     assert (upper[dq >= fastest] <= 0).all() and (lower[dq <= slowest] >= 0).all()
 
 
+@given(positions, velocities)
+def test_torque_towards_a_bound_can_be_taken_back_before_the_bound(q, dq):
+    """Taken back at the torque rate it adds tau^2 / (2 rate inertia) to the speed of the lightest joint, as `torque_bounds` promises."""
+    slowest, fastest = velocity_bounds(LIMITS, q)
+    lower, upper = torque_bounds(LIMITS, q, dq)
+    added = np.square([lower, upper]) / (2 * LIMITS.torque_rate * LIMITS.inertia)
+    inside = (slowest < dq) & (dq < fastest)
+    assert (dq + added[1] <= fastest + 1e-9)[inside].all() and (dq - added[0] >= slowest - 1e-9)[inside].all()
+
+
+@given(positions, velocities)
+def test_beyond_a_bound_braking_is_owed(q, dq):
+    """In proportion to the excess, up to the torque limit, however hard it is to take back."""
+    slowest, fastest = velocity_bounds(LIMITS, q)
+    lower, upper = torque_bounds(LIMITS, q, dq)
+    for excess, braking in ((dq - fastest, -upper), (slowest - dq, lower)):
+        owed = np.minimum(LIMITS.torque * excess / (LIMITS.speed_fraction * LIMITS.velocity), LIMITS.torque)
+        assert (braking >= owed - 1e-9)[excess > 0].all()
+
+
+def test_the_workspace_is_before_the_base_and_a_target_behind_it_is_refused():
+    for x in (-0.5, 0.0, 0.05):
+        with pytest.raises(Refusal) as refusal:
+            limit_target(LIMITS, np.array([x, 0.0, 0.3]))
+        assert refusal.value.reason is Reason.WORKSPACE
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_numbers_that_are_not_finite_are_refused(bad):
     broken = ZERO.copy()
@@ -291,6 +318,14 @@ def test_an_arm_is_slack_once_it_is_at_rest_and_its_torque_a_step_from_none():
         (READY, changed(ZERO, 4, np.inf), "not finite"),
         (READY, changed(ZERO, 2, 2.3), "panda_joint3: 2.30 rad/s is over"),
         (changed(READY, 3, 0.1), ZERO, "panda_joint4: 0.100 rad is outside"),
+        *(
+            (changed(READY, i, LIMITS.position_lower[i] - 1e-3), ZERO, f"{name}: ")
+            for i, name in enumerate(JOINT_NAMES)
+        ),
+        *(
+            (changed(READY, i, LIMITS.position_upper[i] + 1e-3), ZERO, f"{name}: ")
+            for i, name in enumerate(JOINT_NAMES)
+        ),
     ],
 )
 def test_a_broken_state_is_a_fault_and_the_torque_stays_lawful(q, dq, cause):

@@ -72,6 +72,25 @@ def test_full_torque_towards_a_joint_limit_ends_at_the_wall(joint, sign):
     assert arm.q[joint] == pytest.approx(wall, abs=0.03)  # it got there: a wall, not a fence far off
 
 
+def test_the_wall_stands_before_the_joint_limit():
+    """Half of its 0.05 rad is left when full torque has driven the slowest joint against it."""
+    arm = Arm()
+    for _ in range(1500):
+        arm.step(arm.torque_of(6, 1))
+    assert arm.least_room[6] > 0.025
+
+
+def test_a_held_arm_hardly_swings_past_its_target():
+    """The shoulder, the heaviest joint, pushed off at 0.5 rad/s: what it swings back beyond its target is a fifth of its way out."""
+    arm = Arm()
+    arm.data.qvel[1] = 0.5
+    way = []
+    for _ in range(500):
+        assert arm.step().state is State.READY
+        way.append(arm.q[1] - READY[1])
+    assert max(way) > 0.01 and -min(way) < 0.2 * max(way)
+
+
 @pytest.mark.parametrize("joint", [0, 3, 5])
 @pytest.mark.parametrize("ending", ["stop", "silence"])
 def test_from_speed_the_arm_comes_to_rest_and_stays(joint, ending):
