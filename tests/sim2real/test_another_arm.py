@@ -13,11 +13,13 @@ from sim2real.arm.files import load_arm
 from sim2real.arm.model import panda
 from sim2real.checks.plausibility import check_plausibility
 from sim2real.cli import diagnose as command
-from sim2real.diagnosis import explain_gap
+from sim2real.diagnosis import diagnose, explain_gap
 from sim2real.effects.patch import load_patch
 from sim2real.recordings.motor_current import current_to_torque, estimate_torque_constants, mark_as_current
 from sim2real.recordings.reading import ContractViolation, load_log
 from sim2real.recordings.signals import Commands, Log
+from sim2real.report.document import make_report, to_json
+from sim2real.report.page import render
 from six_hinges import MJCF, PER_AMPERE, RATE, URDF, Truth, record
 
 from np_record.bag_writer import BagWriter
@@ -143,12 +145,23 @@ def test_a_known_constant_makes_current_a_torque(tmp_path):
         load_log(tmp_path / "odd.npz", ARM.joints)
 
 
+def test_a_joint_whose_current_does_not_tell_its_constant_is_not_judged(tmp_path):
+    log = log_of(tmp_path, LOADED, current=True)
+    noise = np.random.default_rng(0).normal(size=len(log.time))
+    log = replace(log, torque=np.where(np.arange(6) == 5, noise[:, None], log.torque))
+    diagnosis = diagnose([log], ARM)
+    assert_loaded(named(diagnosis))
+    assert not diagnosis.gap.moved[5] and np.isnan(diagnosis.context.logs[0].per_ampere[5])
+    report = make_report(diagnosis, [log], 0.0)
+    assert any("constant of wrist_3" in note for note in report["notes"])
+    to_json(report)
+    assert "constant of wrist_3" in render(report, diagnosis)
+
+
 def test_a_current_that_tells_nothing_is_refused(tmp_path):
     log = log_of(tmp_path, current=True, rate=100, duration=10.0)
-    still = replace(
-        log, velocity=log.velocity * (np.arange(6) != 2), position=np.where(np.arange(6) == 2, 1.2, log.position)
-    )
-    with pytest.raises(ValueError, match="current of elbow: .*too little motion.*torque_per_ampere"):
+    still = replace(log, velocity=0 * log.velocity, position=0 * log.position + log.position[:1])
+    with pytest.raises(ValueError, match="current: .*too little motion \\(waist\\).*torque_per_ampere"):
         estimate_torque_constants([still], ARM)
     with pytest.raises(ValueError, match="current of wrist_1: expected one that grows"):
         estimate_torque_constants([replace(log, torque=log.torque * np.where(np.arange(6) == 3, -1, 1))], ARM)

@@ -117,9 +117,13 @@ def test_an_effect_of_ones_own_is_one_file():
         (
             "other",
             "from sim2real.effects.timing.packet_loss import EFFECT\n",
-            "expected the effect 'other' of the arm, once; got 'packet_loss'",
+            "expected the effect 'other' of joint or link or arm, once; got 'packet_loss'",
         ),
-        ("packet_loss", "from sim2real.effects.timing.packet_loss import EFFECT\n", "'packet_loss' of the arm, once"),
+        (
+            "packet_loss",
+            "from sim2real.effects.timing.packet_loss import EFFECT\n",
+            "'packet_loss' of joint or link or arm, once",
+        ),
     ],
 )
 def test_a_file_that_is_no_effect_is_named(tmp_path, name, text, message):

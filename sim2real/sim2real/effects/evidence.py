@@ -152,6 +152,12 @@ class Context:
     """(n, k) Nm per relative error of a motor's torque constant, where the recording itself determined the constants; None
     where torque was measured."""
 
+    @property
+    def has_torque(self) -> np.ndarray:
+        """(k,) bool: joints whose torque is known; not those whose motor current has an unknown constant."""
+        constants = [log.per_ampere for log in self.logs if log.per_ampere is not None]
+        return np.isfinite(constants).all(axis=0) if constants else np.ones(len(self.arm), bool)
+
     def is_later(self, trajectory: np.ndarray) -> np.ndarray:
         """Whether rows (n,) of these recordings, by number, are of the recordings in which effects may show: all, or those after the reference."""
         return trajectory >= self.reference

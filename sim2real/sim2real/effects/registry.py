@@ -24,43 +24,37 @@ MODULES = ("joint_dynamics", "transmission", "torque_loop", "software", "timing"
 """Modules of effects of the arm, in the order in which the diagnosis tries them."""
 
 
-def find_arm_effects(folders: str = "") -> Mapping[str, Effect]:
-    """The project's own effects of the arm by id, then those in `folders` (paths with ":" between).
+def find_effects(targets: tuple[str, ...], modules: tuple[str, ...] = (), folders: str = "") -> Mapping[str, Effect]:
+    """The project's own effects of these targets by id, then those in `folders` (paths with ":" between).
 
-    Raises ImportError for a file that holds no effect, or another one than its name and place say.
+    modules: where they lie; none: in modules with the targets' names. Raises ImportError for a file that holds no effect, or
+    another one than its name and place say.
     """
-    found = {}
-    for place, module, effect in (*_load_own_effects(MODULES), *_load_user_effects(folders)):
+    found, modules = {}, modules or tuple(map(str, targets))
+    for place, module, effect in (*_load_own_effects(modules), *_load_user_effects(folders)):
         row = effect.catalogue_row or catalogue().get(effect.id)
         if (
             row is None
             or set(row) - {"id"} != set(ROW)
-            or row["module"] not in MODULES
+            or row["module"] not in modules
             or module not in ("", row["module"])
         ):
             raise ImportError(
                 f"{place}: expected a row of the catalogue with {', '.join(ROW)} and the module "
-                f"{module or ' or '.join(MODULES)}, in data/gap_effects.yaml or as catalogue_row; got {row}"
+                f"{module or ' or '.join(modules)}, in data/gap_effects.yaml or as catalogue_row; got {row}"
             )
-        if effect.id != Path(place).stem or effect.id in found or effect.target not in ARM_TARGETS:
+        if effect.id != Path(place).stem or effect.id in found or effect.target not in targets:
             raise ImportError(
-                f"{place}: expected the effect {Path(place).stem!r} of the arm, once; got {effect.id!r} of {effect.target}"
+                f"{place}: expected the effect {Path(place).stem!r} of {' or '.join(targets)}, once; got {effect.id!r} of "
+                f"{effect.target}"
             )
         found[effect.id] = effect
     return MappingProxyType(found)
 
 
-def _find_effects(targets: tuple[str, ...]) -> Mapping[str, Effect]:
-    """The project's own effects of these targets, whose modules have the targets' names. Raises ImportError as above."""
-    found = {}
-    for place, module, effect in _load_own_effects(targets):
-        row = catalogue().get(effect.id)
-        if row is None or row["module"] != module or effect.target != module or effect.id != Path(place).stem:
-            raise ImportError(
-                f"{place}: expected the effect {Path(place).stem!r} of the {module}, got {effect.id!r} of {effect.target}"
-            )
-        found[effect.id] = effect
-    return MappingProxyType(found)
+def find_arm_effects(folders: str = "") -> Mapping[str, Effect]:
+    """Effects of the arm, those in `folders` included (`find_effects`)."""
+    return find_effects(ARM_TARGETS, MODULES, folders)
 
 
 def _load_own_effects(modules: tuple[str, ...]) -> Iterator[tuple[str, str, Effect]]:
@@ -88,10 +82,10 @@ def _load_user_effects(folders: str) -> Iterator[tuple[str, str, Effect]]:
 ARM_EFFECTS = find_arm_effects(os.environ.get(FOLDERS, ""))
 """Effects of the arm that the simulators or the diagnosis know, by id."""
 
-CAMERA_EFFECTS = _find_effects(tuple(map(str, CAMERA_TARGETS)))
+CAMERA_EFFECTS = find_effects(CAMERA_TARGETS)
 """Effects of camera and keypoints that a simulated camera carries, by id."""
 
-SCENE_EFFECTS = _find_effects(tuple(map(str, SCENE_TARGETS)))
+SCENE_EFFECTS = find_effects(SCENE_TARGETS)
 """Effects of contact, object and table that a simulated scene carries, by id."""
 
 EFFECTS = MappingProxyType({**ARM_EFFECTS, **CAMERA_EFFECTS, **SCENE_EFFECTS})

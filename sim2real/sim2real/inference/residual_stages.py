@@ -171,9 +171,12 @@ class ResidualStages:
 
         At the stage of the dynamics those are either the rows in which the joint slides in one direction, or
         those about its reversals, where friction behaves differently. A joint that stands is held by friction
-        of any size up to its level, so that its torque says nothing of the motion: such rows never count.
+        of any size up to its level, so that its torque says nothing of the motion: such rows never count, nor do those of a
+        joint whose torque is unknown.
         """
         c = self.context
+        if stage is Stage.DYNAMICS and not c.has_torque[joint]:
+            return np.zeros(len(c.samples), bool)
         if stage is Stage.DYNAMICS and not at_reversal:
             return self._slides[:, joint]
         if stage is Stage.DYNAMICS:

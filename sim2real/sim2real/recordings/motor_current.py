@@ -28,43 +28,46 @@ def mark_as_current(log: Log) -> Log:
 
 
 def estimate_torque_constants(logs: Sequence[Log], arm: Arm) -> np.ndarray:
-    """Nm/A (k,) at the joint by which motor currents of these logs are torques of this arm.
+    """Nm/A (k,) at the joint by which motor currents of these logs are torques of this arm; NaN for joints whose load or
+    motion is too small to determine it.
 
-    Raises ValueError naming a joint whose motion does not tell it, or whose current falls where the torque grows.
+    Raises ValueError where no joint determines its constant, and for a joint whose current falls where the torque grows.
     """
-    samples, found = sample_logs(list(logs)), []
+    samples, unknown = sample_logs(list(logs)), {}
     load = rigid.inverse_dynamics(arm, samples.position, samples.velocity, samples.acceleration)
     load = load + samples.acceleration * arm.armature
+    constants = np.full(len(arm), np.nan)
     for j, joint in enumerate(arm.joints):
         speed = samples.velocity[:, j]
         slides = np.abs(speed) > THRESHOLDS.rows.standstill
         others = samples.filter_function(j, lambda q, v: smooth_sign(v)), speed, np.ones_like(speed)
         columns = np.column_stack([load[:, j], *others])[slides]
         if len(columns) < CURRENT.rows:
-            raise ValueError(_unknown(joint, "too little motion of it"))
+            unknown[joint] = "too little motion"
+            continue
         current = samples.torque[slides, j]
         values = np.linalg.lstsq(columns, current, rcond=None)[0]
         left = current - columns @ values
         inverse = np.linalg.pinv(columns.T @ columns)[0, 0]
         error = np.sqrt(inverse * (left @ left) / len(left))
         if abs(values[0]) < error / CURRENT.sure:
-            raise ValueError(_unknown(joint, "too little load on it"))
-        if values[0] < 0:
+            unknown[joint] = "too little load"
+        elif values[0] < 0:
             raise ValueError(
                 f"current of {joint}: expected one that grows with the torque, found the reverse: wrong sign?"
             )
-        found.append(1 / values[0])
-    return np.array(found)
+        else:
+            constants[j] = 1 / values[0]
+    if np.isnan(constants).all():
+        raise ValueError(
+            "current: expected motion that determines a torque constant, found "
+            f"{', '.join(f'{why} ({joint})' for joint, why in unknown.items())}: record more, or give torque_per_ampere"
+        )
+    return constants
 
 
 def current_to_torque(log: Log, per_ampere: np.ndarray) -> Log:
-    """A log of currents, or one that was, with torques by these constants (k,) Nm/A."""
+    """A log of currents, or one that was, with torques by these constants (k,) Nm/A; 0 Nm where a constant is unknown (NaN)."""
     before = 1.0 if log.is_current else log.per_ampere
-    return replace(log, torque=log.torque * (per_ampere / before), is_current=False, per_ampere=per_ampere)
-
-
-def _unknown(joint: str, why: str) -> str:
-    return (
-        f"current of {joint}: expected motion that tells its torque constant, found {why}: "
-        "record more, or give torque_per_ampere"
-    )
+    factor = np.nan_to_num(per_ampere / before)
+    return replace(log, torque=log.torque * factor, is_current=False, per_ampere=per_ampere)

@@ -69,7 +69,7 @@ class Log:
     is_current: bool = False
     """Whether `torque` is the motors' current in A as yet (`recordings.motor_current`)."""
     per_ampere: np.ndarray | None = None
-    """(k,) Nm/A that made a torque of a current, where they had to be estimated."""
+    """(k,) Nm/A that made a torque of a current, where they had to be estimated; NaN where the recording does not determine it."""
 
     @property
     def duration(self) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from np_description.panda import NOMINAL
 from sim2real.diagnosis import Diagnosis
 
@@ -11,11 +13,16 @@ def list_notes(diagnosis: Diagnosis, tried: bool) -> list[str]:
     context, found = diagnosis.context, []
     arm, constants = context.arm, next((log.per_ampere for log in context.logs if log.per_ampere is not None), None)
     if constants is not None:
-        each = ", ".join(f"{joint} {value:.3g}" for joint, value in zip(arm.joints, constants))
+        each = ", ".join(f"{joint} {value:.3g}" for joint, value in zip(arm.joints, constants) if np.isfinite(value))
         found.append(
             f"Torque is motor current times constants that the recording had to tell, Nm/A: {each}. Sizes rest on them, and "
             "they on the masses of the model."
         )
+        if unknown := [joint for joint, known in zip(arm.joints, context.has_torque) if not known]:
+            found.append(
+                f"The motion does not determine the constant of {', '.join(unknown)}: nothing is said of these joints. Record "
+                "them under more load, or give torque_per_ampere."
+            )
         if not context.reference:
             found.append("A wrong torque scale of a joint cannot be told from an unknown constant: none is looked for.")
     if context.drive is not None and not context.drive.is_replayed:
