@@ -7,19 +7,14 @@ from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
 
-import numpy as np
-
-from sim2real.checks.shrinkage import REGIMES, split_regimes
 from sim2real.consequences import Consequences
 from sim2real.diagnosis import Diagnosis
-from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.patch import Patch, dump_patch
-from sim2real.effects.stage import Stage
 from sim2real.finding import Finding
+from sim2real.gap_location import list_growing_gaps, locate_gap, regime_gaps, stage_gaps
 from sim2real.progress import StageCallback, ignore_stage
 from sim2real.recordings.signals import Log
 from sim2real.report.notes import list_notes
-from sim2real.thresholds import THRESHOLDS
 
 
 def make_report(
@@ -32,7 +27,7 @@ def make_report(
         "schema_version": 1,
         "verdict": diagnosis.verdict,
         "sentence": diagnosis.sentence,
-        "where": where(diagnosis),
+        "where": locate_gap(diagnosis),
         "effects": [_effect_row(f) for f in diagnosis.findings] if diagnosis.verdict != "no_gap" else [],
         "gap": {
             "metric": "held-out RMS of the torque residuals of all rungs, averaged over the joints that moved",
@@ -50,12 +45,12 @@ def make_report(
                     "floor_is_measured": bool(gap.is_floor_measured[j]),
                     "moved": bool(gap.moved[j]),
                     "unexplained": j in diagnosis.unexplained,
-                    "ladder": _stage_gaps(diagnosis, j),
-                    "regimes": _regime_gaps(diagnosis, j),
+                    "ladder": stage_gaps(diagnosis, j),
+                    "regimes": regime_gaps(diagnosis, j),
                 }
                 for j, joint in enumerate(joints)
             },
-            "worse": _list_growing_gaps(diagnosis),
+            "worse": list_growing_gaps(diagnosis),
             "not_patched": list(done.left_out),
             "closed_loop_rad": done.closed_loop or {},
         },
@@ -88,24 +83,6 @@ def to_json(report: dict, quick: bool = False) -> str:
         if error is not None:
             raise ValueError(f"report: {error.json_path}: {error.message}")
     return json.dumps(report, indent=1, allow_nan=False) + "\n"
-
-
-def where(diagnosis: Diagnosis) -> list[dict]:
-    """Shares of the gap's energy above the floor by module and component; what is left is unknown."""
-    if diagnosis.verdict == "no_gap":
-        return []
-    energy: dict[tuple[str, str], float] = {}
-    for f in diagnosis.findings:
-        if f.is_chosen and f.energy > 0:
-            key = (ARM_EFFECTS[f.effect.id].module, f.component)
-            energy[key] = energy.get(key, 0.0) + f.energy
-    for j in diagnosis.unexplained:
-        left = sum((r.chosen - r.flexible) / r.rows for r in diagnosis.lack_of_fit if r.joint == j)
-        if left > 0:
-            energy["unknown", diagnosis.context.arm.joints[j]] = left
-    total = sum(energy.values())
-    ranked = sorted(energy.items(), key=lambda item: -item[1])
-    return [{"module": m, "component": c, "share": float(e / total)} for (m, c), e in ranked]
 
 
 def write_report(
@@ -150,49 +127,3 @@ def _effect_row(finding: Finding) -> dict:
         "variant": finding.effect.variant,
         "is_added": finding.is_chosen,
     }
-
-
-def _stage_gaps(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float]]:
-    """RMS before and after at each stage."""
-    table = {}
-    for n, cell in enumerate(diagnosis.design.cells):
-        if cell.joint == joint and cell.rows.any():
-            after = diagnosis.gap.residuals[n]
-            table[cell.name] = {
-                "before": float(np.sqrt(np.mean(diagnosis.gap.nominal[n][cell.rows] ** 2))),
-                "after": float(np.sqrt(np.mean(after[cell.rows] ** 2))),
-            }
-    return table
-
-
-def _regime_gaps(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | None]:
-    """RMS Nm of r2 before and after in each regime; None where the joint was not in it while moving."""
-    samples, cells = diagnosis.context.samples, diagnosis.design.cells
-    mine = [n for n, c in enumerate(cells) if c.joint == joint and c.stage is Stage.DYNAMICS]
-    slide, turn = (next(n for n in mine if cells[n].at_reversal is at_reversal) for at_reversal in (False, True))
-    reversing = np.zeros(samples.velocity.shape, bool)
-    reversing[:, joint] = cells[turn].rows
-    table = {}
-    for name, mask in split_regimes(samples.velocity, samples.acceleration, reversing).items():
-        n = turn if name == "reversal" else slide
-        rows = mask[:, joint] & cells[n].rows
-        table[name] = (
-            {
-                side: float(np.sqrt((values[rows] ** 2).mean()))
-                for side, values in zip(("before", "after"), (diagnosis.gap.nominal[n], diagnosis.gap.residuals[n]))
-            }
-            if rows.any()
-            else None
-        )
-    return table
-
-
-def _list_growing_gaps(diagnosis: Diagnosis) -> list[str]:
-    """Joint and regime in which the gap grows by more than the threshold `shrinkage.worse`."""
-    found = []
-    for j, joint in enumerate(diagnosis.context.arm.joints):
-        for name in REGIMES:
-            r = _regime_gaps(diagnosis, j)[name]
-            if r and r["after"] > THRESHOLDS.shrinkage.worse * r["before"]:
-                found.append(f"{joint}: {name}")
-    return found
