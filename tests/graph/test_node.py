@@ -25,7 +25,7 @@ from np_diagnosis.commands import excite
 from np_record.replay import ReplayScript
 from np_ros.low_latency.latest_message import LatestMessage
 from np_ros.low_latency.spin import Spinner
-from np_ros.node import SUBSCRIBERS, Diagnostics, parameter
+from np_ros.node import SUBSCRIBERS, Diagnostics, parameter, run
 from np_ros.parameters import list_parameters
 from np_ros.processes.domain import ros_domain_id
 from np_ros.qos import EVENT, LOCKSTEP
@@ -268,16 +268,15 @@ def test_refusals_are_counted_and_logged_once_a_second(spun, capfd, monkeypatch)
     now = 10.0
     monkeypatch.setattr("np_ros.node.time", SimpleNamespace(monotonic=lambda: now))
     diagnostics = Diagnostics(node)
-    for reason, text in (("late", "first"), ("late", "second"), ("order", "third")):
-        diagnostics.refuse(reason, text)
-    now = 11.0
-    diagnostics.refuse("late", ValueError("fourth"))
-    assert diagnostics.counts == {"refused_late": 3, "refused_order": 1}
+    diagnostics.refuse("order", "another reason")
+    for now in [10.0 + second / 10 for second in range(6000)]:
+        diagnostics.refuse("late", f"after {now - 10:.1f} s")
+    now += 200.0
+    diagnostics.refuse("late", "much later")
+    assert diagnostics.counts == {"refused_late": 6001, "refused_order": 1}
     logged = capfd.readouterr().err
-    assert [text for text in ("first", "second", "third", "fourth") if f"refused: {text}" in logged] == [
-        "first",
-        "fourth",
-    ]
+    assert "refused: another reason" in logged and "refused: much later" in logged
+    assert [s for s in range(600) if f"refused: after {s}." in logged] == [0, 1, 3, 7, 15, 31, *range(91, 600, 60)]
 
 
 def test_the_middleware_runs_at_the_loops_priority(graph, probe):
@@ -379,6 +378,16 @@ def test_an_argument_that_nobody_reads_is_refused(graph, given, got):
     said = done.stdout + done.stderr
     assert done.returncode == 1, said
     assert "cannot start: expected --ros-args -p NAME:=VALUE ..., got " in said and got in said
+
+
+def test_a_node_that_cannot_start_says_so_under_its_own_name(capfd):
+    class KeypointNode(Node):
+        def __init__(self):
+            raise ValueError("no reason")
+
+    for given, name in ((["--ros-args", "-r", "__node:=left"], "left"), ([], "keypoint")):
+        assert run(KeypointNode, given) == 1
+        assert f"[{name}]: cannot start: no reason" in capfd.readouterr().err
 
 
 def test_a_domain_id_that_is_none_is_refused_in_one_line(capsys, monkeypatch, tmp_path):

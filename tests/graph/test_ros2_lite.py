@@ -1,4 +1,4 @@
-"""The `ros2` command on a live graph: run, topic list|echo|hz, service list|call and launch, on nodes in processes of their own."""
+"""The `ros2` command on a live graph: run, topic, service, node, param and launch, on nodes in processes of their own."""
 
 import os
 import shutil
@@ -123,8 +123,8 @@ def line(process: subprocess.Popen, start: str) -> str:
 
 
 def is_listed(ros2, kind: str, name: str) -> bool:
-    """Whether `ros2 topic|service list -t` has the line; each listens for a second, in which a busy machine may say nothing."""
-    return any(name in ros2.start(kind, "list", "-t").stdout.read().splitlines() for _ in range(10))
+    """Whether `ros2 topic|service list -t` has the line; a busy machine may say nothing for the second that ends a list."""
+    return any(name in ros2.start(kind, "list", "-t").stdout.read().splitlines() for _ in range(5))
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -176,6 +176,24 @@ def test_service_list_and_call(ros2):
     assert "success=True, message='opened'" in call.communicate()[0]
     assert call.returncode == 0
     assert is_listed(ros2, "service", "/talker/open [std_srvs/srv/SetBool]")
+
+
+def test_nodes_parameters_and_topics_are_looked_at_and_a_message_is_published(ros2, probe):
+    received = probe.collect("chatter", Float64)
+    line(ros2.start("run", "pushers", "talker"), "pid")
+    told = ros2.start("param", "get", "/talker", "opening").communicate()
+    assert told[0] == "0.02\n", told
+    assert "/talker" in ros2.start("node", "list").stdout.read().splitlines()
+    assert "opening" in ros2.start("param", "list", "/talker").stdout.read().splitlines()
+    refused = ros2.start("param", "set", "/talker", "opening", "0.03")
+    assert "read-only" in refused.communicate()[1] and refused.returncode == 1
+    unknown = ros2.start("param", "get", "/nobody", "opening")
+    assert "node /nobody: expected one of" in unknown.communicate()[1] and unknown.returncode == 1
+    details = ros2.start("topic", "info", "-v", "/gripper_command").stdout.read()
+    assert "Type: std_msgs/msg/Float64\nPublisher count: 1\n  /talker reliable volatile\n" in details
+    assert ros2.start("topic", "pub", "--once", "/chatter", "std_msgs/msg/Float64", "{data: 0.5}").wait() == 0
+    probe.wait_until(lambda: received)
+    assert received[0].data == 0.5
 
 
 def test_launch_runs_the_table_and_stops_it(ros2, probe):

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import yaml
 from bags import GOAL, object_pose, record_episode
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TransformStamped
 from graph_tools import ROOT, TIMEOUT, command
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
@@ -23,6 +24,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from np_bringup.commands import view
 from np_bringup.nodes import robot_state_node
 from np_bringup.view import window
+from np_bringup.view.live import LiveGraph
 from np_bringup.view.recorded import RecordedEpisode
 from np_bringup.view.server import PAGE, serve
 from np_common.rotations import matrix_from_quaternion
@@ -30,11 +32,13 @@ from np_control.kinematics import forward_kinematics, hand_pose
 from np_description.domains import BUMP, CARD, Pose
 from np_description.drawing.robot import urdf
 from np_description.drawing.scene_data import SceneData
-from np_description.panda import NOMINAL
+from np_description.panda import NOMINAL, STATE_NAMES
 from np_record.bag import Recording
 from np_record.nodes.recorder_node import message_class
 from np_record.topics import BY_NAME
 from np_ros import qos
+from np_ros.goals import goal_text
+from np_ros.messages import joint_state_message, pose_message
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), "")
 CONFIG = ROOT / "ros2_ws/src/np_bringup/config"
@@ -98,6 +102,32 @@ def test_the_page_draws_the_episode_in_a_browser(page):
     assert drawn > 15  # capsules, and the faces of object and goal that can be seen
     assert re.search(r'<div id="error">\d+\.\d mm, \d+\.\d degrees from the goal', done.stdout)
     assert re.search(r'<img id="camera"[^>]*src="http[^"]*image.jpg\?time=2.9"', done.stdout)
+
+
+def test_a_late_viewer_shows_the_goal_of_the_episode_not_the_one_that_is_latched(graph, probe):
+    live = LiveGraph(probe, CARD)
+    drawn, given = Pose(np.array([0.55, 0.1, 0.0025]), np.array([1.0, 0, 0, 0])), GOAL
+    text = goal_text(pose_message(7, "panda_link0", given.position, given.quaternion))
+    status = DiagnosticStatus(name="/episode", values=[KeyValue(key="goal", value=text)])
+    messages = {
+        "goal_pose": (pose_message(5, "panda_link0", drawn.position, drawn.quaternion), qos.LATCHED),
+        "diagnostics": (DiagnosticArray(status=[status]), qos.EVENT),
+        "joint_states": (joint_state_message(9, STATE_NAMES, READY, np.zeros(9), np.zeros(9)), qos.LOCKSTEP),
+    }
+    for topic, (message, profile) in messages.items():
+        probe.advertise(topic, type(message), profile)
+        probe.wait_until(lambda topic=topic: probe.matched(topic), what=topic)
+        probe.publish(topic, message)
+    probe.wait_until(lambda: live.moment() and live.moment().goal, what="a goal")
+    probe.wait_until(
+        lambda: np.allclose(live.moment().goal.position, given.position, atol=1e-4), what="the episode's goal"
+    )
+
+
+def test_a_port_in_use_is_named(page):
+    port = int(page.split(":")[2].strip("/"))
+    with pytest.raises(OSError, match=f"--port {port}, --host 127.0.0.1: expected a free address"):
+        serve(None, "127.0.0.1", port)
 
 
 def test_the_page_needs_nothing_from_elsewhere():

@@ -3,7 +3,7 @@
 import pytest
 
 from np_bringup.backends import ENGINES
-from np_bringup.task_graph import task_graph
+from np_bringup.task_graph import checked_graph, task_graph
 from np_diagnosis.commands import excite
 from np_diagnosis.commands.excite import make_graph
 from np_evaluation.commands import evaluate
@@ -92,6 +92,23 @@ def test_a_recorder_does_not_wait_for_what_only_a_simulation_knows():
 def test_what_does_not_go_together_is_named(changes, text):
     with pytest.raises(ValueError, match=text):
         task_graph({**REAL, **changes})
+
+
+@pytest.mark.parametrize(
+    "changes, text",
+    [
+        ({"domain": "mug"}, "domain: expected one of card, bump, wall, got 'mug'"),
+        ({"scenario": "9"}, "scenario: expected one of 0 to 3, got 9"),
+        ({"weights": "nowhere"}, "weights: expected a folder, got nowhere"),
+        ({"effects": "nowhere.yaml"}, "effects nowhere.yaml: expected a patch.yaml"),
+        ({"calibration": "nowhere.yaml"}, "calibration nowhere.yaml: expected a file written by `calibrate`"),
+        ({"namespace": "lab"}, "namespace: expected one as /lab, got 'lab'"),
+        ({"params_file": "nowhere.yaml"}, "params_file: expected a file, got 'nowhere.yaml'"),
+    ],
+)
+def test_a_launch_with_a_wrong_file_or_choice_gives_no_nodes(changes, text):
+    with pytest.raises(ValueError, match=text):
+        checked_graph(changes)
 
 
 def test_who_measures_the_loop_waits_for_a_core_no_longer_than_the_backend(tmp_path):

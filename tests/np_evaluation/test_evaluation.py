@@ -11,7 +11,7 @@ from packages import packages_of, sources
 
 from np_bringup.task_graph import task_graph
 from np_common.intervals import wilson_interval
-from np_description.objects.choice import embed_object_text, read_domain
+from np_description.objects.choice import domain_with, embed_object_text, read_domain
 from np_evaluation import run_episodes as playing
 from np_evaluation.commands import demo
 from np_evaluation.commands import evaluate as command
@@ -259,6 +259,16 @@ def test_an_object_that_is_none_ends_the_command_with_one_line(tool, capsys):
         tool.parse(["--domain", "wall", "--object", "tissue"])
     assert ended.value.code == 2
     assert "object: expected one of default, wrapped, dense, wood" in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_an_object_of_another_size_than_the_policy_knows_is_warned_of(tmp_path):
+    own = tmp_path / "box.yaml"
+    own.write_text("name: box\ndomain: card\nsize: [0.06, 0.07, 0.006]\nmass: 0.05\nsurface: paper\n")
+    (line,) = command.size_warnings(domain_with("card", str(own)), "")
+    assert line.startswith(
+        "object: 60 x 70 x 6 mm, the policy was trained with 50 x 70 x 5 mm (factors 1.20, 1.00, 1.20)"
+    )
+    assert command.size_warnings(domain_with("card", "wood"), "") == []
 
 
 def test_a_patch_that_asks_for_less_than_no_friction_is_warned_of(tmp_path):

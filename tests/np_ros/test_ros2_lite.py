@@ -13,14 +13,15 @@ import yaml
 from geometry_msgs.msg import PoseStamped
 from hypothesis import given
 from hypothesis import strategies as st
+from rcl_interfaces.srv import SetParameters
 from std_srvs.srv import SetBool
 
 from np_description.panda import JOINT_NAMES
-from np_ros import messages
+from np_ros import messages as ours
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tools" / "ros2_lite"))
-from ros2_lite import completion, launch, main, packages, service, topic  # noqa: E402
+from ros2_lite import completion, launch, main, messages, packages, topic  # noqa: E402
 
 
 def executable(path: Path) -> Path:
@@ -82,7 +83,7 @@ def test_executables_are_those_of_the_ament_index(prefix, capsys):
 
 
 def test_what_is_not_there_is_named(prefix):
-    with pytest.raises(LookupError, match=f"'shovers' not found.*{prefix}"):
+    with pytest.raises(LookupError, match="'shovers' not found; 1 folders of AMENT_PREFIX_PATH searched"):
         packages.run("shovers", "push", [])
     with pytest.raises(LookupError, match="No executable 'lift' in package 'pushers'; it has: pull, push"):
         packages.run("pushers", "lift", [])
@@ -107,7 +108,7 @@ def test_ros_arguments_are_passed_on_untouched():
     [
         ("run", "ros2 run: the following arguments are required: package, executable; see --help"),
         ("bag play x", "ros2: .*'bag' .*launch.*; a whole ROS 2 has more; see --help"),
-        ("topic pub /x", "ros2 topic: .*'pub' .*hz.*; a whole ROS 2 has more; see --help"),
+        ("topic bw /x", "ros2 topic: .*'bw' .*hz.*; a whole ROS 2 has more; see --help"),
     ],
 )
 def test_what_cannot_be_is_said_in_a_line_and_what_is_not_here_to_be_elsewhere(line, said, capsys):
@@ -117,17 +118,17 @@ def test_what_cannot_be_is_said_in_a_line_and_what_is_not_here_to_be_elsewhere(l
 
 
 def test_messages_print_as_yaml_that_reads_back():
-    message = messages.joint_state_message(1_500_000_000, JOINT_NAMES, *np.arange(21.0).reshape(3, 7))
-    got = yaml.safe_load(yaml.safe_dump(topic.plain(message, None)))
+    message = ours.joint_state_message(1_500_000_000, JOINT_NAMES, *np.arange(21.0).reshape(3, 7))
+    got = yaml.safe_load(yaml.safe_dump(messages.plain(message, None)))
     assert got["header"]["stamp"] == {"sec": 1, "nanosec": 500_000_000}
     assert got["name"] == list(JOINT_NAMES)
     assert got["effort"] == [14.0, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0]
 
 
 def test_long_arrays_are_cut_unless_asked_for():
-    message = messages.image_message(0, "camera_optical", np.full((20, 20, 3), 7, np.uint8))
-    assert topic.plain(message, 5)["data"] == [7] * 5 + ["..."]
-    assert topic.plain(message, None)["data"] == [7] * 1200
+    message = ours.image_message(0, "camera_optical", np.full((20, 20, 3), 7, np.uint8))
+    assert messages.plain(message, 5)["data"] == [7] * 5 + ["..."]
+    assert messages.plain(message, None)["data"] == [7] * 1200
 
 
 @given(st.floats(1e-3, 10.0), st.integers(2, 50))
@@ -140,29 +141,32 @@ def test_rate_of_an_even_stream(gap, count):
 
 def test_a_request_is_filled_from_yaml():
     request = SetBool.Request()
-    service.fill(request, {"data": True})
+    messages.fill(request, {"data": True})
     assert request.data
     pose = PoseStamped()
-    service.fill(pose, {"header": {"frame_id": "panda_link0"}, "pose": {"position": {"x": 0.5}}})
+    messages.fill(pose, {"header": {"frame_id": "panda_link0"}, "pose": {"position": {"x": 0.5}}})
     assert pose.header.frame_id == "panda_link0" and pose.pose.position.x == 0.5
+    asked = SetParameters.Request()
+    messages.fill(asked, {"parameters": [{"name": "a", "value": {"type": 3, "double_value": 0.5}}, {"name": "b"}]})
+    assert [(p.name, p.value.double_value) for p in asked.parameters] == [("a", 0.5), ("b", 0.0)]
 
 
 @pytest.mark.parametrize("values", [{"date": True}, {"data": 3}, [True], {"data": {"a": 1}}])
 def test_what_no_field_takes_is_refused(values):
-    with pytest.raises(ValueError, match="request: .*expected"):
-        service.fill(SetBool.Request(), values)
+    with pytest.raises(ValueError, match="values: .*expected"):
+        messages.fill(SetBool.Request(), values)
 
 
 @pytest.mark.parametrize("name", ["std_srvs/Trigger", "std_srvs/srv/Push", "shovers/srv/Push", "", "/srv/"])
 def test_an_unknown_service_type_is_refused(name):
     with pytest.raises(ValueError, match="expected one as std_srvs/srv/Trigger"):
-        service.service_type(name)
+        messages.interface("srv", name)
 
 
 @pytest.mark.parametrize(
     "line, expected",
     [
-        ("ros2 ", ["launch", "pkg", "run", "service", "topic"]),
+        ("ros2 ", ["launch", "node", "param", "pkg", "run", "service", "topic"]),
         ("ros2 to", ["topic"]),
         ("ros2 topic e", ["echo"]),
         ("ros2 topic echo --f", ["--full-length"]),

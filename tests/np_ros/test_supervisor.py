@@ -198,6 +198,14 @@ def test_an_executable_that_is_not_installed_is_named(monkeypatch, tmp_path):
         installed_command("np_policy", "post_contact")
 
 
+def test_a_node_has_its_namespace_and_the_users_parameters_come_last(supervisor, tmp_path):
+    spec = NodeSpec("p", "patient", "a", {"x": 1}, namespace="/lab", params_file="own.yaml")
+    own = str(tmp_path / "a.yaml")
+    given = supervisor._ros_arguments(spec)
+    assert given[:3] == ["--ros-args", "-r", "__node:=a"] and "__ns:=/lab" in given
+    assert [given[n + 1] for n, each in enumerate(given) if each == "--params-file"] == [own, "own.yaml"]
+
+
 def test_launch_arguments_are_completed_and_checked():
     known = [LaunchArgument("domain", "card", "task"), LaunchArgument("seed", "0", "seed")]
     assert complete({"seed": 3}, known) == {"domain": "card", "seed": "3"}

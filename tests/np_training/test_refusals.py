@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,9 @@ import torch
 
 from np_training import distill, evaluate, report, train
 from np_training.checkpoints import CheckpointError, read_state
+from np_training.device import usable
 from np_training.options import count, duration
+from np_training.ppo.training import check_same_run
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-1", "soon", ""])
@@ -74,6 +77,19 @@ def test_every_command_says_so_in_a_line(tmp_path, refused):
     assert refused(evaluate, "--checkpoint", missing).endswith(f": {expected}; see --help")
     assert f": run {tmp_path}: expected log.csv" in refused(report, tmp_path)
     assert "argument --minutes: expected a number of at least 0, got 'nan'" in refused(train, "--minutes", "nan", *out)
+
+
+def test_a_checkpoint_of_another_domain_is_refused_also_by_name():
+    trainer = SimpleNamespace(setting={"domain": "card", "object": "default", "max_opening": 0.005})
+    with pytest.raises(CheckpointError, match="expected one of the domain card, got one of wall"):
+        check_same_run({"setting": {**trainer.setting, "domain": "wall"}}, trainer, None)
+    check_same_run({"setting": {**trainer.setting, "object": "wood"}}, trainer, None)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_a_gpu_that_is_not_there_is_refused():
+    with pytest.raises(SystemExit, match="expected cpu, since PyTorch finds no GPU, got cuda:1"):
+        usable("cuda:1")
 
 
 def test_weights_that_are_missing_are_named(tmp_path, monkeypatch, refused):

@@ -21,9 +21,9 @@ joints = st.sampled_from(NOMINAL.joints)
 def effects(draw):
     record = ARM_EFFECTS[draw(st.sampled_from(sorted(ARM_EFFECTS)))]
     values = {q.name: draw(st.floats(q.lower, q.upper)) for q in record.quantities if draw(st.booleans())}
-    return PatchEffect(
-        record.id, draw(joints if record.target is EffectTarget.LINK else joints | st.just("arm")), values
-    )
+    arm = st.just("arm")
+    places = {EffectTarget.LINK: joints, EffectTarget.ARM: arm, EffectTarget.JOINT: joints | arm}
+    return PatchEffect(record.id, draw(places[record.target]), values)
 
 
 @settings(deadline=None, max_examples=60)
@@ -75,6 +75,10 @@ ENTRY = {"effect": "coulomb_friction", "component": "panda_joint1", "parameters"
         (
             [{"effect": "link_com", "component": "arm", "parameters": {}}],
             "expected the joint that moves the link as component of link_com, got 'arm'",
+        ),
+        (
+            [{"effect": "payload", "component": "panda_joint4", "parameters": {"mass": 0.2}}],
+            "expected 'arm' as component of payload, got 'panda_joint4'",
         ),
         ([{"effect": "payload"}], "entry 0: expected effect, component and parameters"),
     ],

@@ -27,6 +27,7 @@ setup(
             "goal = np_bringup.nodes.goal_node:main",
             "joint_names = np_bringup.nodes.joint_names_node:main",
             "robot_state = np_bringup.nodes.robot_state_node:main",
+            "status = np_bringup.commands.status:main",
             "view = np_bringup.commands.view:main",
         ],
     },

@@ -161,6 +161,8 @@ def _read_effect(entry: object, place: str) -> PatchEffect:
             )
     elif entry["component"] not in (ARM, *NOMINAL.joints):
         raise ValueError(f"{place}: expected 'arm' or a joint as component, got {entry['component']!r}")
+    elif effect.target is EffectTarget.ARM and entry["component"] != ARM:
+        raise ValueError(f"{place}: expected 'arm' as component of {effect.id}, got {entry['component']!r}")
     elif effect.target is EffectTarget.LINK and entry["component"] == ARM:
         raise ValueError(f"{place}: expected the joint that moves the link as component of {effect.id}, got 'arm'")
     known, values = {quantity.name: quantity for quantity in effect.quantities}, {}

@@ -79,7 +79,12 @@ def _load_user_effects(folders: str) -> Iterator[tuple[str, str, Effect]]:
             yield str(path), "", effect
 
 
-ARM_EFFECTS = find_arm_effects(os.environ.get(FOLDERS, ""))
+try:
+    ARM_EFFECTS = find_arm_effects(os.environ.get(FOLDERS, ""))
+except ImportError as error:
+    if not os.environ.get(FOLDERS):
+        raise
+    raise SystemExit(str(error)) from None  # the user's setting, not a fault of this code: one line in every command
 """Effects of the arm that the simulators or the diagnosis know, by id."""
 
 CAMERA_EFFECTS = find_effects(CAMERA_TARGETS)

@@ -13,11 +13,11 @@ from sim2real.recordings.signals import DECIMATION, GRID
 WIDTH = 9.6
 RATE = 1 / (GRID * DECIMATION)  # samples a second
 PLACES = {
-    "left": 0.07,
+    "left": 0.09,
     "right": 0.99,
     "bottom": 0.11,
     "top": 0.94,
-    "wspace": 0.3,
+    "wspace": 0.38,
     "hspace": 0.45,
 }  # of panels, as shares
 BEFORE, AFTER, FLOOR = "#b0b7c3", "#1f5fa8", "#2f8f3a"

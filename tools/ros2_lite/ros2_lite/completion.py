@@ -52,7 +52,7 @@ def _choices(parser: argparse.ArgumentParser, before: list[str], typed: str) -> 
             return [file.name for file in launch.files(values[0])]
         case ["launch"], _:
             return [f"{argument.name}:=" for argument in launch.load(values[0], values[1])["ARGUMENTS"]]
-        case ["topic", "echo" | "hz"], 0:
+        case ["topic", "echo" | "hz" | "info" | "pub"], 0:
             return [name for name, _ in _graph("get_topic_names_and_types")]
         case ["service", "call"], 0:
             return [name for name, _ in _graph("get_service_names_and_types")]
@@ -72,5 +72,4 @@ def _graph(method: str) -> list[tuple[str, list[str]]]:
     from ros2_lite import graph
 
     with graph.node() as node:
-        graph.discover(node)
-        return getattr(node, method)()
+        return graph.discover(node, getattr(node, method))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import rclpy
@@ -12,7 +13,8 @@ from rclpy.signals import SignalHandlerOptions
 
 from ros2_lite import ending
 
-DISCOVERY = 1.0  # s that lists listen for other participants
+FIRST, SETTLED = 3.0, 1.0  # s without news after which a list is complete: before the first, after the last
+DISCOVERY = 15.0  # s that lists listen at most
 _LONGEST = 0.1  # s of waiting, which a signal does not cut short
 
 
@@ -32,11 +34,23 @@ def spin_once(node: Node, timeout: float) -> None:
     ending.heed()
 
 
-def discover(node: Node) -> None:
-    """Listen for other participants."""
-    end = time.monotonic() + DISCOVERY
-    while (left := end - time.monotonic()) > 0:
-        spin_once(node, left)
+def discover(node: Node, read: Callable[[], list], until: Callable[[list], bool] | None = None) -> list:
+    """What `read` finds in the graph, once it stands still, or once `until` holds.
+
+    It stands still where nothing is new for `SETTLED` s, or from the beginning for `FIRST` s. Where neither comes within
+    `DISCOVERY` s a line on stderr says so.
+    """
+    begun = time.monotonic()
+    found, changed = read(), None
+    while (now := time.monotonic()) < begun + DISCOVERY:
+        if until(found) if until else now > (begun + FIRST if changed is None else changed + SETTLED):
+            return found
+        spin_once(node, _LONGEST)
+        if (new := read()) != found:
+            found, changed = new, time.monotonic()
+    if until is None:
+        print(f"the graph still changes after {DISCOVERY:g} s: this list may be incomplete", file=sys.stderr)
+    return found
 
 
 def print_names(names_and_types: list[tuple[str, list[str]]], show_types: bool) -> None:

@@ -51,6 +51,15 @@ def parser() -> argparse.ArgumentParser:
     topic = commands.add_parser("topic", help="what is sent").add_subparsers(dest="verb", required=True)
     names = topic.add_parser("list", help="names of the topics")
     names.add_argument("-t", "--show-types", action="store_true")
+    details = topic.add_parser("info", help="type, publishers and subscribers of a topic")
+    details.add_argument("topic")
+    details.add_argument("-v", "--verbose", action="store_true", help="their nodes and quality of service")
+    publish = topic.add_parser("pub", help="publish a message")
+    publish.add_argument("topic")
+    publish.add_argument("type", help="for example std_msgs/msg/Float64")
+    publish.add_argument("values", nargs="?", default="{}", help="fields of the message as YAML")
+    publish.add_argument("-1", "--once", action="store_true", help="once, as soon as somebody subscribes")
+    publish.add_argument("-r", "--rate", type=float, default=1.0, help="messages a second; %(default)g")
     echo = topic.add_parser("echo", help="print messages as YAML")
     echo.add_argument("topic")
     echo.add_argument("--once", action="store_true", help="end after the first message")
@@ -66,6 +75,18 @@ def parser() -> argparse.ArgumentParser:
     call.add_argument("service")
     call.add_argument("type", help="for example std_srvs/srv/Trigger")
     call.add_argument("values", nargs="?", default="{}", help="fields of the request as YAML")
+
+    node = commands.add_parser("node", help="who is there").add_subparsers(dest="verb", required=True)
+    node.add_parser("list", help="full names of the nodes")
+
+    param = commands.add_parser("param", help="parameters of a node").add_subparsers(dest="verb", required=True)
+    for verb, words in (("list", "names"), ("get", "value of one"), ("set", "change one")):
+        one = param.add_parser(verb, help=words)
+        one.add_argument("node", help="full name, as /episode")
+        if verb != "list":
+            one.add_argument("name")
+        if verb == "set":
+            one.add_argument("value", help="as YAML")
 
     launch = commands.add_parser("launch", help="run a launch file of this project")
     launch.add_argument("package")
@@ -87,17 +108,31 @@ def execute(arguments: argparse.Namespace) -> int:
         from ros2_lite import launch
 
         return launch.launch(arguments.package, arguments.file, arguments.arguments, arguments.show_args)
-    from ros2_lite import service, topic
+    from ros2_lite import nodes, service, topic
 
-    if arguments.command == "service":
-        if arguments.verb == "list":
-            return service.list_services(arguments.show_types)
-        return service.call(arguments.service, arguments.type, arguments.values)
-    if arguments.verb == "list":
-        return topic.list_topics(arguments.show_types)
-    if arguments.verb == "echo":
-        return topic.echo(arguments.topic, arguments.once, arguments.full_length)
-    return topic.hz(arguments.topic, arguments.window)
+    a = arguments
+    match a.command, a.verb:
+        case "service", "list":
+            return service.list_services(a.show_types)
+        case "service", _:
+            return service.call(a.service, a.type, a.values)
+        case "node", _:
+            return nodes.list_nodes()
+        case "param", "list":
+            return nodes.list_parameters(a.node)
+        case "param", "get":
+            return nodes.get_parameter(a.node, a.name)
+        case "param", _:
+            return nodes.set_parameter(a.node, a.name, a.value)
+        case _, "list":
+            return topic.list_topics(a.show_types)
+        case _, "info":
+            return topic.info(a.topic, a.verbose)
+        case _, "echo":
+            return topic.echo(a.topic, a.once, a.full_length)
+        case _, "pub":
+            return topic.pub(a.topic, a.type, a.values, a.once, a.rate)
+    return topic.hz(a.topic, a.window)
 
 
 def main() -> int:
@@ -111,7 +146,7 @@ def main() -> int:
     if real:
         os.execv(real, [real, *sys.argv[1:]])
     arguments = parser().parse_args()
-    if arguments.command in ("topic", "service"):
+    if arguments.command in ("topic", "service", "node", "param"):
         ending.note_signals()
     try:
         return execute(arguments)

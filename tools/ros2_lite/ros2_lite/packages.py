@@ -14,10 +14,13 @@ def prefix_of(package: str) -> Path:
     try:
         return Path(get_package_prefix(package))
     except (PackageNotFoundError, ValueError) as error:
-        searched = os.environ.get("AMENT_PREFIX_PATH") or "not set"
-        raise LookupError(
-            f"Package '{package}' not found; AMENT_PREFIX_PATH is {searched}; source env.sh first"
-        ) from error
+        searched = os.environ.get("AMENT_PREFIX_PATH", "")
+        hint = (
+            f"{len(searched.split(os.pathsep))} folders of AMENT_PREFIX_PATH searched"
+            if searched
+            else "source env.sh first"
+        )
+        raise LookupError(f"Package '{package}' not found; {hint}; see ros2 pkg executables") from error
 
 
 def executables(package: str) -> list[Path]:

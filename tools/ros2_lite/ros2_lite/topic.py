@@ -1,18 +1,19 @@
-"""`ros2 topic list|echo|hz`."""
+"""`ros2 topic list|info|echo|hz|pub`."""
 
 from __future__ import annotations
 
-import importlib
 import statistics
 import sys
 import time
 from collections import deque
 
 import yaml
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 
 from ros2_lite import graph
+from ros2_lite.messages import fill_from_yaml, interface, plain
 
 MAX_ITEMS = 128  # array entries printed without --full-length
 
@@ -20,8 +21,7 @@ MAX_ITEMS = 128  # array entries printed without --full-length
 def list_topics(show_types: bool) -> int:
     """Print the topics of the graph."""
     with graph.node() as node:
-        graph.discover(node)
-        graph.print_names(node.get_topic_names_and_types(), show_types)
+        graph.print_names(graph.discover(node, node.get_topic_names_and_types), show_types)
     return 0
 
 
@@ -36,8 +36,7 @@ def _wait_for_topic(node: Node, topic: str) -> tuple[str, type]:
     types = dict(node.get_topic_names_and_types())[name]
     if len(types) != 1:
         raise ValueError(f"{name}: expected one message type, the graph has {types}")
-    package, _, message = types[0].split("/")
-    return name, getattr(importlib.import_module(f"{package}.msg"), message)
+    return name, interface("msg", types[0])
 
 
 def _profile(node: Node, name: str) -> QoSProfile:
@@ -50,20 +49,6 @@ def _profile(node: Node, name: str) -> QoSProfile:
         reliability=QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT,
         durability=QoSDurabilityPolicy.TRANSIENT_LOCAL if latched else QoSDurabilityPolicy.VOLATILE,
     )
-
-
-def plain(value, limit: int | None):
-    """A message as dictionaries, lists and numbers; arrays cut after `limit` entries."""
-    if hasattr(value, "get_fields_and_field_types"):
-        return {field: plain(getattr(value, field), limit) for field in value.get_fields_and_field_types()}
-    if isinstance(value, (bytes, bytearray)):
-        value = list(value)
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, (list, tuple)):
-        shown = [plain(item, limit) for item in value[:limit]]
-        return shown + ["..."] if limit is not None and len(value) > limit else shown
-    return value
 
 
 def echo(topic: str, once: bool, full_length: bool) -> int:
@@ -107,3 +92,56 @@ def hz(topic: str, window: int) -> int:
             if time.monotonic() - printed >= 1.0:
                 printed = time.monotonic()
                 print(rate_line(arrivals) if len(arrivals) > 1 else "no new messages", flush=True)
+
+
+def info(topic: str, verbose: bool) -> int:
+    """Print type, publishers and subscribers of a topic; verbose: their nodes and quality of service."""
+    with graph.node() as node:
+        name = node.resolve_topic_name(topic)
+
+        def read() -> list:
+            ends = [node.get_publishers_info_by_topic(name), node.get_subscriptions_info_by_topic(name)]
+            return [sorted(map(_endpoint, one)) for one in ends]
+
+        publishers, subscribers = graph.discover(node, read)
+        types = dict(node.get_topic_names_and_types()).get(name)
+    if not types:
+        raise LookupError(f"topic {name}: expected a publisher or a subscriber, there is none")
+    print(f"Type: {', '.join(types)}")
+    for title, ends in (("Publisher", publishers), ("Subscription", subscribers)):
+        print(f"{title} count: {len(ends)}")
+        print("".join(f"  {' '.join(end)}\n" for end in ends) if verbose else "", end="")
+    return 0
+
+
+def _endpoint(info) -> tuple[str, ...]:
+    profile = info.qos_profile
+    return (
+        f"{info.node_namespace.rstrip('/')}/{info.node_name}",
+        profile.reliability.name.lower(),
+        profile.durability.name.lower(),
+    )
+
+
+def pub(topic: str, type_name: str, values: str, once: bool, rate: float) -> int:
+    """Publish a message `rate` times a second; once: as soon as somebody subscribes, and end.
+
+    Reliable and latched, which every subscriber matches.
+    """
+    message = fill_from_yaml(interface("msg", type_name), values)
+    profile = QoSProfile(
+        depth=1, reliability=QoSReliabilityPolicy.RELIABLE, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL
+    )
+    with graph.node() as node:
+        publisher = node.create_publisher(type(message), topic, profile)
+        while once and not publisher.get_subscription_count():
+            graph.spin_once(node, 0.1)
+        while True:
+            publisher.publish(message)
+            print(f"publishing: {message}", flush=True)
+            if once:
+                publisher.wait_for_all_acked(Duration(seconds=2))
+                return 0
+            end = time.monotonic() + 1 / rate
+            while (left := end - time.monotonic()) > 0:
+                graph.spin_once(node, left)

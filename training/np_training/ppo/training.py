@@ -89,10 +89,14 @@ def find_state(arguments: argparse.Namespace, device: str) -> tuple[dict | None,
 
 
 def check_same_run(state: dict, trainer: Trainer, found: Path | None) -> None:
-    """Raise CheckpointError where a checkpoint that was found, not named, is of another task: two runs share a
-    folder."""
+    """Raise CheckpointError where a checkpoint is of another domain, or one that was found, not named, is of another
+    object: two runs share a folder."""
     theirs = setting_of(state)
-    names = "domain", "object", "max_opening"
+    if theirs["domain"] != trainer.setting["domain"]:
+        raise CheckpointError(
+            f"checkpoint: expected one of the domain {trainer.setting['domain']}, got one of {theirs['domain']}"
+        )
+    names = "object", "max_opening"
     other = [name for name in names if theirs[name] != trainer.setting[name]]
     if found and other:
         raise CheckpointError(

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 from np_bringup import backends
-from np_description.objects.choice import embed_object_text
+from np_description.calibration import load
+from np_description.domains import DOMAINS
+from np_description.objects.choice import domain_with, embed_object_text
+from np_description.objects.scenarios import COUNT
 from np_ros.processes.graph import LaunchArgument, NodeSpec, complete
 from np_ros.processes.policy_path import policy_path_nodes
 
 KEYPOINT_SOURCES = ("camera", "truth")
+NAMESPACE = re.compile(r"(/[A-Za-z]\w*)+")
+_NOT_KEPT = ("bag", "run_info", "namespace", "params_file")  # of a recording: how nodes were started here
 LOOP_PRIORITY = 20
 """Priority of first-in-first-out scheduling of a simulated arm and its controller in real time."""
 
@@ -46,6 +53,10 @@ ARGUMENTS = (
     LaunchArgument("weights", "", "Folder with released weights; empty: the project's own."),
     LaunchArgument("bag", "", "Record bags with this path, a number is appended; empty: no recorder."),
     LaunchArgument("record_at_start", "true", "true: record from the start; false: wait for recorder/start."),
+    LaunchArgument("namespace", "", "Of all nodes, topics and services, for example /lab; empty: none."),
+    LaunchArgument(
+        "params_file", "", "YAML file of ROS parameters by node, in place of those of this launch; empty: none."
+    ),
     LaunchArgument("run_info", "{}", "JSON object that the recorder keeps in the bag."),
     *backends.ARGUMENTS,
 )
@@ -55,6 +66,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     """The nodes for launch arguments. Raises ValueError for an unknown argument or value."""
     given = complete(arguments, ARGUMENTS)
     for name, allowed in (
+        ("domain", tuple(DOMAINS)),
         ("keypoints", KEYPOINT_SOURCES),
         ("mode", ("lockstep", "realtime")),
         ("record_at_start", ("true", "false")),
@@ -106,12 +118,43 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
             else replace(node, nice=10)
             for node in nodes
         ]
+    if given["namespace"] and not NAMESPACE.fullmatch(given["namespace"]):
+        raise ValueError(f"namespace: expected one as /lab, got {given['namespace']!r}")
+    if given["params_file"] and not Path(given["params_file"]).is_file():
+        raise ValueError(f"params_file: expected a file, got {given['params_file']!r}")
+    return [replace(node, namespace=given["namespace"], params_file=given["params_file"]) for node in nodes]
+
+
+def checked_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
+    """As `task_graph`, after the files that its nodes load have been checked: a launch with a wrong one starts no node.
+
+    Raises ValueError, OSError or WeightsError.
+    """
+    nodes = task_graph(arguments)
+    given = complete(arguments, ARGUMENTS)
+    scenario = _integer(given, "scenario")
+    if scenario not in range(COUNT + 1):
+        raise ValueError(f"scenario: expected one of 0 to {COUNT}, got {scenario}")
+    from np_policy.contract import check_weights
+
+    domain = domain_with(given["domain"], given["object"])
+    check_weights(domain, given["weights"])
+    if given["keypoints"] == "camera":
+        from np_perception.detector import KeypointDetector  # slow
+
+        KeypointDetector(domain, given["weights"])
+    if given["effects"]:
+        from sim2real.effects.patch import load_patch  # slow
+
+        load_patch(given["effects"])
+    if given["calibration"] not in ("", "none"):
+        load(given["calibration"])
     return nodes
 
 
 def _recorder(given: Mapping[str, str], is_simulated: bool) -> NodeSpec:
     """The recorder, which knows of the launch arguments, and what a bag must have to be of an episode."""
-    information = {**json.loads(given["run_info"]), **{k: v for k, v in given.items() if k not in ("bag", "run_info")}}
+    information = {**json.loads(given["run_info"]), **{k: v for k, v in given.items() if k not in _NOT_KEPT}}
     required = [
         "joint_states",
         "effort_command",

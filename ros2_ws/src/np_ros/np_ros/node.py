@@ -12,6 +12,7 @@ def main(args=None):
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 import time
@@ -75,8 +76,7 @@ def run(
             node = make_node()
             check_known(node)
         except (ValueError, OSError, ParameterException) as error:
-            name = getattr(make_node, "__name__", "node")
-            rclpy.logging.get_logger(name).fatal(f"cannot start: {error}")
+            rclpy.logging.get_logger(_name(make_node, args)).fatal(f"cannot start: {error}")
             return 1
         if interrupts:
             return 0
@@ -94,6 +94,14 @@ def run(
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _name(make_node: Callable[[], Node], args: Sequence[str] | None) -> str:
+    """The name of a node that could not be made: as remapped on the command line, or that of its class in snake case."""
+    for given in sys.argv[1:] if args is None else args:
+        if given.startswith("__node:="):
+            return given.removeprefix("__node:=")
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", getattr(make_node, "__name__", "node")).lower().removesuffix("_node")
 
 
 def _init(args: Sequence[str] | None) -> None:
@@ -143,7 +151,10 @@ def parameter(
 
 SUBSCRIBERS = "subscribers"
 """Key of the diagnostics value that says whom a node has found."""
-_WARNING_PERIOD = 1.0  # s
+_FIRST_PAUSE, _LONGEST_PAUSE = (
+    1.0,
+    60.0,
+)  # s between two lines on refusals for the same reason, doubled as long as they go on
 _TWIN = "another node of this name is in this ROS domain: two launches? end one, or set another ROS_DOMAIN_ID"
 _INFRASTRUCTURE = ("/rosout", "/parameter_events", "/diagnostics")
 
@@ -162,7 +173,9 @@ class Diagnostics:
         self._level, self._message = DiagnosticStatus.OK, "running"
         self._problem = ""
         self._has_twin = False
-        self._next_warning = 0.0
+        self._pauses: dict[
+            str, tuple[float, float]
+        ] = {}  # by reason: when a line may come again, and the pause after it
         self.values: dict[str, object] = {}
         self.counts: dict[str, int] = {}
         self._timer = node.create_timer(period, self._tick)
@@ -174,15 +187,18 @@ class Diagnostics:
             self._problem = key
 
     def refuse(self, reason: str, error: object) -> None:
-        """Count what was not carried out under `refused_<reason>`, and log the error, at most once a second.
+        """Count what was not carried out under `refused_<reason>`, and log the error, ever less often while it goes on.
 
         rclpy's own throttle walks the stack before it says nothing: 0.7 ms, most of a cycle of a robot, for
         each of 500 commands a second that come too late already.
         """
         self.count(f"refused_{reason}")
         now = time.monotonic()
-        if now >= self._next_warning:
-            self._next_warning = now + _WARNING_PERIOD
+        again, pause = self._pauses.get(reason, (0.0, _FIRST_PAUSE))
+        if now >= again:
+            if now > again + pause:  # it had ended
+                pause = _FIRST_PAUSE
+            self._pauses[reason] = now + pause, min(2 * pause, _LONGEST_PAUSE)
             self._node.get_logger().warn(f"refused: {error}")
 
     def report(self, level: bytes, message: str) -> None:

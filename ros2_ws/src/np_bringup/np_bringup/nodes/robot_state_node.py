@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TransformStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -16,6 +17,7 @@ from np_description.drawing.scene_data import SceneData
 from np_description.message_arrays import BadMessage, joint_state_arrays, pose_arrays, stamp_nanoseconds
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_ros import qos
+from np_ros.goals import episode_goal
 from np_ros.messages import pose_message, stamp_message
 from np_ros.node import Diagnostics, parameter, run
 from np_ros.task_domain import declare_domain
@@ -94,6 +96,7 @@ class RobotState(Node):
         self._state: JointState | None = None
         self._pose: Pose | None = None
         self._goal: Pose | None = None
+        self._episode_goal: Pose | None = None
         description = self.create_publisher(String, "robot_description", qos.LATCHED)
         description.publish(String(data=urdf()))
         self._markers = self.create_publisher(MarkerArray, "scene_markers", qos.REALTIME_PUBLISHER)
@@ -104,6 +107,7 @@ class RobotState(Node):
         self.create_subscription(JointState, "joint_states", self._on_state, stream)
         self.create_subscription(PoseStamped, "object_pose", lambda m: self._read("_pose", m), stream)
         self.create_subscription(PoseStamped, "goal_pose", lambda m: self._read("_goal", m), qos.LATCHED)
+        self.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, qos.EVENT)
         self.create_timer(1.0 / rate, self._show)
 
     def _on_state(self, message: JointState) -> None:
@@ -115,6 +119,9 @@ class RobotState(Node):
         except BadMessage as error:
             self._diagnostics.refuse(error.kind, error)
 
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self._episode_goal = episode_goal(message) or self._episode_goal
+
     def _show(self) -> None:
         if self._state is None:
             return
@@ -123,7 +130,7 @@ class RobotState(Node):
             stamp = stamp_nanoseconds(self._state.header.stamp)
         except BadMessage as error:
             return self._diagnostics.refuse(error.kind, error)
-        poses = self._data.poses(joints, self._pose, self._goal)
+        poses = self._data.poses(joints, self._pose, self._episode_goal or self._goal)
         self._markers.publish(markers(self._scene, poses, stamp))
         if self._tf is not None:
             self._tf.publish(self._tf.msg_type(transforms=transforms(self._scene, poses, stamp)))

@@ -16,6 +16,7 @@ from np_description.message_arrays import BadMessage, image_array, joint_state_a
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_ros import qos
 from np_ros.client.graph_client import GraphClient
+from np_ros.goals import episode_goal
 from np_ros.low_latency.raw import decode_raw
 from np_ros.phases import phase_state
 
@@ -33,12 +34,14 @@ class LiveGraph:
         self._state: bytes | None = None  # serialized: of 500 a second the page asks for twenty
         self._pose: Pose | None = None
         self._goal: Pose | None = None
+        self._episode_goal: Pose | None = None
         self._phase, self._image = "", None
         node = peer.node
         stream = qos.REALTIME_SUBSCRIBER
         node.create_subscription(JointState, "joint_states", self._on_state, stream, raw=True)
         node.create_subscription(PoseStamped, "object_pose", self._on_pose, stream)
         node.create_subscription(PoseStamped, "goal_pose", self._on_goal, qos.LATCHED)
+        node.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, qos.EVENT)
         node.create_subscription(DiagnosticArray, "episode/phase", self._on_phase, qos.LATCHED)
         node.create_subscription(Image, "camera/image_raw", self._on_image, stream)
 
@@ -48,7 +51,7 @@ class LiveGraph:
 
     def state(self) -> dict:
         """Time s, poses, phase and error now; `poses` null, and why, before the first joint state."""
-        data, pose, goal = self._state, self._pose, self._goal
+        data, pose, goal = self._state, self._pose, self._episode_goal or self._goal
         if data is None:
             return {"time": 0.0, "poses": None, "phase": _SILENT, **error(None, None)}
         try:
@@ -68,7 +71,7 @@ class LiveGraph:
             joints = joint_state_arrays(decode_raw(self._state, JointState), STATE_NAMES)[0]
         except BadMessage:
             return None
-        return Moment(joints, self._pose, self._goal)
+        return Moment(joints, self._pose, self._episode_goal or self._goal)
 
     def image(self, time: float) -> bytes | None:
         """The JPEG of the newest image, None where there is none."""
@@ -86,6 +89,9 @@ class LiveGraph:
 
     def _on_goal(self, message: PoseStamped) -> None:
         self._goal = _read(message, self._goal)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self._episode_goal = episode_goal(message) or self._episode_goal
 
     def _on_phase(self, message: DiagnosticArray) -> None:
         try:

@@ -51,7 +51,12 @@ def serve(source, host: str, port: int) -> ThreadingHTTPServer:
         def log_message(self, *arguments):
             """Silent: twenty requests a second."""
 
-    server = ThreadingHTTPServer((host, port), Handler)
+    try:
+        server = ThreadingHTTPServer((host, port), Handler)
+    except OSError as error:
+        raise OSError(
+            f"--port {port}, --host {host}: expected a free address of this machine: {error.strerror}"
+        ) from None
     server.daemon_threads = True
     threading.Thread(target=server.serve_forever, daemon=True).start()
     return server

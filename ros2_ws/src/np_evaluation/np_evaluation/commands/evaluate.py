@@ -12,8 +12,8 @@ from pathlib import Path
 from np_bringup.backends import ENGINES
 from np_common.cli import Parser, Progress
 from np_common.parallel import workers
-from np_description.domains import DOMAINS, find_domain
-from np_description.objects.choice import DEFAULT, embed_object_text
+from np_description.domains import DOMAINS, Domain
+from np_description.objects.choice import DEFAULT, domain_with, embed_object_text
 from np_description.objects.scenarios import COUNT
 from np_description.weights.provenance import origin
 from np_evaluation.commands.episode_options import add_options, check_options, run_command
@@ -138,13 +138,32 @@ def request_of(options: argparse.Namespace, where: dict[str, object]) -> RunRequ
 
 
 def warnings_of(options: argparse.Namespace) -> list[str]:
-    """How the weights differ from what runs here without being refused, and where the effects ask for less than is physical."""
+    """How the weights differ from what runs here without being refused: contract, size of the object; and where the
+    effects ask for less than is physical."""
     from sim2real.effects.patch import load_patch
 
     from np_policy.contract import check_weights
 
+    domain = domain_with(options.domain, options.object)
     effects = [] if options.effects == "none" else load_patch(options.effects).clipped_parameters()
-    return [*check_weights(find_domain(options.domain), options.weights), *effects]
+    return [*check_weights(domain, options.weights), *size_warnings(domain, options.weights), *effects]
+
+
+def size_warnings(domain: Domain, weights: str) -> list[str]:
+    """A line where the object's edges differ from those that the post-contact policy was trained with."""
+    from np_description.weights.header import read_metadata
+    from np_policy.contract import POST_CONTACT, weights_file
+    from np_policy.size_generalization import find_trained_domain, read_size_range
+
+    metadata = read_metadata(weights_file(POST_CONTACT, domain, weights))
+    sizes = read_size_range(metadata)
+    known = find_trained_domain(domain, metadata.get("object", DEFAULT), sizes)
+    if known is None:
+        return []
+    ours, theirs = (" x ".join(f"{2000 * half:.0f}" for half in one.half_size) for one in (domain, known))
+    trained = f"{theirs} mm" if sizes == (1.0, 1.0) else f"{theirs} mm times {sizes[0]:g} to {sizes[1]:g}"
+    factors = ", ".join(f"{a / b:.2f}" for a, b in zip(domain.half_size, known.half_size))
+    return [f"object: {ours} mm, the policy was trained with {trained} (factors {factors}): expect fewer successes"]
 
 
 def run_parallel(

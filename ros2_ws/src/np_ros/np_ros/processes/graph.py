@@ -20,6 +20,10 @@ class NodeSpec:
     """Values by parameter."""
     remappings: Sequence[tuple[str, str]] = ()
     """Topics as (before, after)."""
+    namespace: str = ""
+    """As /lab; empty: none."""
+    params_file: str = ""
+    """YAML file of ROS parameters, which come before `parameters`; empty: none."""
     nice: int = 0
     """Priority given up to others on the same cores, 0 (none) to 19."""
     realtime: int = 0
@@ -67,8 +71,9 @@ def launch_description(known: Sequence[LaunchArgument], graph: Callable[[Mapping
                 package=spec.package,
                 executable=spec.executable,
                 name=spec.name,
+                namespace=spec.namespace,
                 output="screen",
-                parameters=[dict(spec.parameters)],
+                parameters=[dict(spec.parameters), *filter(None, [spec.params_file])],
                 remappings=list(spec.remappings),
                 prefix=f"nice -n {spec.nice}" if spec.nice else None,
                 on_exit=[Shutdown(reason=f"{spec.name} has ended")] if spec.is_required else None,

@@ -232,6 +232,10 @@ class Supervisor:
             path = self.log_directory / f"{spec.name}.yaml"
             path.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(spec.parameters)}}, width=1 << 30))
             arguments += ["--params-file", str(path)]
+        if spec.namespace:
+            arguments += ["-r", f"__ns:={spec.namespace}"]
+        if spec.params_file:
+            arguments += ["--params-file", spec.params_file]
         return arguments
 
 
