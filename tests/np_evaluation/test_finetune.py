@@ -92,6 +92,7 @@ class TestPlaying:
     def test_a_patch_comes_back_from_its_text(self):
         assert patch_of(text_of(BOTH)) == BOTH and text_of(Patch()) == "" and patch_of("") == Patch()
 
+    @pytest.mark.slow
     def test_an_episode_is_played_with_what_the_cell_says(self):
         cell = RolloutCell("wall", effects=text_of(Patch((replace(GRIP, parameters={"relative": -0.85}),))), seed=3)
         assert 0.5 < playing.run_rollouts(replace(cell, effects=""), [0])[0] <= 1.0

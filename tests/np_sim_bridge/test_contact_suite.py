@@ -371,6 +371,7 @@ def test_an_object_that_lags_and_a_face_that_is_held_down_do_not_feign_a_mass():
     assert estimate_friction_and_mass(held + lags + strong, BELIEVED).verdict == "no_gap"
 
 
+@pytest.mark.slow
 def test_intervals_hold_where_forces_share_errors():
     """Drags and pushes each way are off by .02 N in common, and a slow slide takes what its coefficient says within 2.6 %."""
     rng, held = np.random.default_rng(8), {"table": 0, "mass": 0}
