@@ -20,7 +20,6 @@ from np_evaluation.paper_table import (
     table_rows,
     table_totals,
 )
-from np_evaluation.paper_table_plot import table_plot
 from np_evaluation.results import Results
 from np_evaluation.scoring import Result, breakdown, result_of
 from np_record.outcome import Outcome
@@ -101,7 +100,6 @@ def test_it_is_printed_and_drawn_row_by_row():
     assert lines[1].split() == "wall default 5/5 3/5 0/0 8/10 0.80 (0.49 to 0.94) 13/15".split()
     assert lines[2] == "  scenario 3: no weights"
     assert lines[3].split()[2:6] == ["1/5", "0/0", "0/0", "1/5"]  # two scenarios were not asked for
-    assert "wall: sponge" in table_plot(table["rows"])
 
 
 def test_what_the_first_contact_was_worth_stands_beside_the_rate():
@@ -134,29 +132,6 @@ def test_a_cell_is_an_evaluation_with_everything_that_was_asked_for(tmp_path, mo
     (options,) = asked
     assert (options.engine, options.keypoints, options.contacts, options.episodes) == ("physx", "truth", 3, 2)
     assert (options.domain, options.object, options.scenario, options.seed) == ("bump", "sponge", 2, 7)
-
-
-def test_what_there_is_of_a_table_that_was_broken_off_is_shown(tmp_path, capsys):
-    """Episodes of a cell that was not finished too; of two results of a cell the later one; never of two codes at once."""
-    place = tmp_path / "mujoco_camera_0"
-
-    def leave(cell: TableCell, successes: int, code: str) -> None:
-        file = Results(place / cell.folder, {"domain": cell.domain, "code_sha256": code, "revision": code[:1]})
-        for result in results(successes):
-            file.add(result)
-
-    leave(TableCell("wall", "sponge", 2), 2, "abc")
-    leave(TableCell("wall", "wood", 1), 1, "abc")
-    show = ["--show", "--domains", "wall", "--tries", "5", "--out", str(tmp_path)]
-    assert command.main(show) == 0
-    said = capsys.readouterr().out.splitlines()
-    last = json.loads(said[-1])
-    assert last["totals"]["ours"]["episodes"] == 3 and last["code_sha256"] == "abc" and last["revision"] == "a"
-    assert any(line.startswith("wall sponge") and "2/2" in line for line in said)
-    assert sum("not played" in line for line in said) == 5
-    leave(TableCell("wall", "default", 1), 1, "xyz")
-    assert command.main(show) == 1
-    assert "expected cells of the same code and weights" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("main", [command.main, evaluate.main], ids=["table3", "evaluate"])

@@ -125,17 +125,6 @@ def play_cell(cell: TableCell, setting: TableSettings) -> CellResult:
     return CellResult(cell, tuple(read_results(file)[: setting.tries]))
 
 
-def read_cell(cell: TableCell, setting: TableSettings) -> tuple[CellResult, dict[str, object]]:
-    """What there is of a cell, played or broken off, and the settings that it was played with ({}: there is nothing); the latest where
-    several are there. Raises ValueError for a file that holds no results."""
-    files = sorted((setting.out / cell.folder).glob("*.jsonl"), key=lambda path: path.stat().st_mtime)
-    if not files:
-        return CellResult(cell), {}
-    with files[-1].open() as file:
-        settings = json.loads(file.readline())["settings"]
-    return CellResult(cell, tuple(read_results(files[-1])[: setting.tries])), settings
-
-
 def table_rows(played: Iterable[CellResult]) -> list[dict[str, object]]:
     """A row for each object: successes and episodes by scenario and in all, rate with its 95 % interval (Wilson), the same
     with the first contact where some episodes had more, failures by phase and by what the graph said, what went wrong, and the

@@ -6,10 +6,15 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping
-from contextlib import closing
+from contextlib import closing, suppress
+from typing import TYPE_CHECKING
 
 from np_common.cli import Parser
 
+if TYPE_CHECKING:  # slow to import
+    from np_ros.client.graph_client import GraphClient
+
+PATIENCE = 10.0  # s for nodes that publish diagnostics and have not been heard
 LEVELS = ("OK", "WARN", "ERROR", "STALE")
 
 
@@ -39,6 +44,12 @@ def format_status(found: Mapping[str, Mapping]) -> str:
     return "\n".join(lines)
 
 
+def _reporting(client: GraphClient, namespace: str) -> set[str]:
+    """Full names of the nodes that publish diagnostics."""
+    ends = client.node.get_publishers_info_by_topic(f"{namespace}/diagnostics")
+    return {f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in ends}
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of the executable `status`. Status 1: a node reports an error, or none reports."""
     options = parser().parse_args(arguments)
@@ -60,6 +71,10 @@ def main(arguments: list[str] | None = None) -> int:
         with closing(GraphClient("status")) as client:
             client.collect(f"{options.namespace}/diagnostics", DiagnosticArray, qos.RECORDER, keep)
             client.idle_for(options.seconds)
+            with suppress(TimeoutError):
+                client.wait_until(lambda: _reporting(client, options.namespace) <= set(found), PATIENCE)
+            for name in _reporting(client, options.namespace) - set(found):
+                found[name] = {"level": 3, "message": f"no report within {PATIENCE:g} s", "values": {}}
     except KeyboardInterrupt:
         return 0
     except ValueError as error:

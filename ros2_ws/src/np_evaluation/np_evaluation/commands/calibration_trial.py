@@ -11,13 +11,13 @@ from np_common.cli import Parser
 
 
 def run(out: Path, cameras: int, views: int, seed: int) -> dict[str, object]:
-    """Every camera with every arm; the summary. out: folder for calibration.json, .png and _view.png."""
+    """Every camera with every arm; the summary. out: folder for calibration.json and _view.png."""
     # Slow to import, and not wanted by --help.
     import numpy as np
 
     from np_common.cli import Progress
     from np_description.weights.provenance import origin
-    from np_evaluation.calibration_trial.drawing import draw, picture
+    from np_evaluation.calibration_trial.drawing import picture
     from np_evaluation.calibration_trial.trial import ARMS, run_trial, summary
 
     out.mkdir(parents=True, exist_ok=True)
@@ -39,7 +39,6 @@ def run(out: Path, cameras: int, views: int, seed: int) -> dict[str, object]:
         "revision": revision,
     }
     (out / "calibration.json").write_text(json.dumps({**report, "cameras": rows}, indent=1) + "\n")
-    draw(rows, out / "calibration.png")
     if calibration is not None:
         picture(*calibration, seed, out / "calibration_view.png")
     return report
@@ -48,7 +47,7 @@ def run(out: Path, cameras: int, views: int, seed: int) -> dict[str, object]:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
     parser = Parser(prog="calibration_trial", description=__doc__)
-    parser.add_argument("--out", type=Path, required=True, help="folder for calibration.json, .png and _view.png")
+    parser.add_argument("--out", type=Path, required=True, help="folder for calibration.json and _view.png")
     parser.add_argument("--cameras", type=int, default=10, help="how many (default %(default)s)")
     parser.add_argument("--views", type=int, default=16, help="postures of the hand (default %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the cameras (default %(default)s)")

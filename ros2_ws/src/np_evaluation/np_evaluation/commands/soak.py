@@ -26,9 +26,6 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--hours", type=float, help="instead: for so long, in real time")
     p.add_argument("--domain", choices=list(DOMAINS), default="card", help="task family; %(default)s")
     p.add_argument("--seed", type=int, default=0, help="of the tasks; %(default)s")
-    p.add_argument(
-        "--first", type=int, default=0, help="number of the first task, to go on where an earlier run ended; 0"
-    )
     p.add_argument("--keypoints", choices=KEYPOINT_SOURCES, default="truth", help="%(default)s")
     p.add_argument("--memory", type=float, default=20.0, help="kB an episode that a node may grow by; %(default)g")
     p.add_argument("--out", type=Path, default=Path("runs/soak"), help="folder; a number is appended")
@@ -141,8 +138,6 @@ def main(arguments: list[str] | None = None) -> int:
     error = ""
     mode = "realtime" if options.hours else "lockstep"
     graph = {"domain": options.domain, "seed": str(options.seed), "keypoints": options.keypoints, "mode": mode}
-    if options.first:
-        graph["first_episode"] = str(options.first)
     run = SoakRun(graph, options.memory, str(origin()["revision"]))
     try:
         out = new_folder(options.out)

@@ -1,7 +1,7 @@
 """`table3`: the paper's 21 objects in three scenarios each, through the whole graph, printed beside the paper's successes.
 
 A cell is an object in a scenario: an `evaluate` of its own, JOBS of them at a time. The same command later goes on where it ended.
-The last line printed is one JSON object; table.json, table.svg and the episodes lie in the folder.
+The last line printed is one JSON object; table.json and the episodes lie in the folder.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ from np_evaluation.paper_table import (
     TableSettings,
     episodes,
     play_cell,
-    read_cell,
     table_cells,
     table_rows,
     table_totals,
@@ -41,7 +40,6 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--objects", nargs="+", default=[], help="rows of the table; default: all")
     parser.add_argument("--scenarios", nargs="+", type=int, choices=range(1, COUNT + 1), default=range(1, COUNT + 1))
     parser.add_argument("--tries", type=int, default=5, help="episodes a scenario; the paper has 5")
-    parser.add_argument("--show", action="store_true", help="what there is so far, without playing anything")
     add_options(parser, jobs=os.cpu_count(), out="runs/table3")
     options = parser.parse_args(arguments)
     check_options(parser, options, ("tries",))
@@ -49,7 +47,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def table3(options: argparse.Namespace) -> dict[str, object]:
-    """Play every cell, or take what there is; rows, totals and what was asked for. Raises ValueError for an object that no row has."""
+    """Play every cell; rows, totals and what was asked for. Raises ValueError for an object that no row has."""
     asked = table_cells(options.domains, options.objects, options.scenarios)
     again = f"_contacts{options.contacts}" if options.contacts > 1 else ""
     place = options.out.resolve() / f"{options.engine}_{options.keypoints}_{options.seed}{again}"
@@ -65,10 +63,7 @@ def table3(options: argparse.Namespace) -> dict[str, object]:
     place.mkdir(parents=True, exist_ok=True)
     what_runs = {"code_sha256": code_sha256(), **origin(options.weights)}  # now: files may be edited meanwhile
     began = time.monotonic()
-    if options.show:
-        played, what_runs = _found(asked, setting)
-    else:
-        played = _played(asked, setting, options)
+    played = _played(asked, setting, options)
     in_order = [played[cell] for cell in asked]
     table = {
         "engine": options.engine,
@@ -82,11 +77,8 @@ def table3(options: argparse.Namespace) -> dict[str, object]:
         "per_episode": episodes(in_order),
         "wall_s": round(time.monotonic() - began, 1),
     }
-    from np_evaluation.paper_table_plot import table_plot  # slow to import
-
     (place / "table.json").write_text(json.dumps(table, indent=1) + "\n")
-    (place / "table.svg").write_text(table_plot(table["rows"]))
-    return {**table, "results": str(place / "table.json"), "plot": str(place / "table.svg")}
+    return {**table, "results": str(place / "table.json")}
 
 
 def _played(asked: list[TableCell], setting: TableSettings, options: argparse.Namespace) -> dict[TableCell, CellResult]:
@@ -102,18 +94,6 @@ def _played(asked: list[TableCell], setting: TableSettings, options: argparse.Na
             played[cell] = CellResult(cell, error=f"{type(error).__name__}: {error}") if error else future.result()
             progress.show(len(played), _so_far(played.values()))
     return played
-
-
-def _found(asked: list[TableCell], setting: TableSettings) -> tuple[dict[TableCell, CellResult], dict[str, object]]:
-    """What there is of the cells, and what it was played with. Raises ValueError where cells were played with different code or weights."""
-    there = {cell: read_cell(cell, setting) for cell in asked}
-    told = ("code_sha256", "revision", "weights_sha256")
-    kinds = {json.dumps({k: s[k] for k in told if k in s}, sort_keys=True) for _, s in there.values() if s}
-    if len({json.dumps(json.loads(kind) | {"revision": ""}, sort_keys=True) for kind in kinds}) > 1:
-        raise ValueError(
-            f"--show: expected cells of the same code and weights, found {len(kinds)} kinds in {setting.out}"
-        )
-    return {cell: played for cell, (played, _) in there.items()}, json.loads(min(kinds, default="{}"))
 
 
 def _so_far(played) -> str:
