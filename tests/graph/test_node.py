@@ -11,7 +11,6 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from pages.parameters import executables, node_classes
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -209,19 +208,19 @@ def test_a_whole_number_will_do_for_a_real_one(graph, given):
 
 
 @pytest.mark.parametrize(
-    "override, error, text",
+    "override, text",
     [
-        (Parameter("rate", value=61.0), InvalidParameterValueException, "rate out of range"),
-        (Parameter("rate", value="fast"), InvalidParameterTypeException, "rate"),
-        (Parameter("mode", value="lidar"), ValueError, "expected one of \\['camera', 'truth'\\], got 'lidar'"),
+        (Parameter("rate", value=61.0), "parameter rate: expected float from 1.0 to 60.0, got 61.0"),
+        (Parameter("rate", value="fast"), "parameter rate: expected float from 1.0 to 60.0, got 'fast'"),
+        (Parameter("mode", value="lidar"), "expected one of \\['camera', 'truth'\\], got 'lidar'"),
     ],
 )
-def test_parameters_out_of_range_are_refused(graph, override, error, text):
+def test_parameters_out_of_range_are_refused(graph, override, text):
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=graph.domain_id)
     node = Node("strict", context=context, parameter_overrides=[override])
     try:
-        with pytest.raises(error, match=text):
+        with pytest.raises(ValueError, match=text):
             parameter(node, "rate", 30.0, "Images a second.", 1.0, 60.0)
             parameter(node, "mode", "camera", "Where keypoints come from.", choices=("camera", "truth"))
     finally:

@@ -129,8 +129,7 @@ def parameter(
     """Declare a read-only parameter with a description and a range, and return its value.
 
     minimum and maximum are inclusive and of the default's type (give both or neither); `choices` lists the
-    allowed strings. Raises rclpy's ParameterException for a value of another type or out of range, ValueError
-    for one that is not among the choices.
+    allowed strings. Raises ValueError for a value of another type, out of range, or not among the choices.
     """
     descriptor = ParameterDescriptor(description=description, read_only=True)
     if choices:
@@ -143,7 +142,14 @@ def parameter(
     overrides = getattr(node, "_parameter_overrides", {})
     if isinstance(default, float) and name in overrides and overrides[name].type_ == Parameter.Type.INTEGER:
         overrides[name] = Parameter(name, value=float(overrides[name].value))  # yaw:=0, which rclpy would refuse
-    value = node.declare_parameter(name, default, descriptor).value
+    try:
+        value = node.declare_parameter(name, default, descriptor).value
+    except ParameterException as error:
+        if name not in overrides:
+            raise
+        allowed = "" if minimum is None else f" from {minimum} to {maximum}"
+        kind, given = type(default).__name__, overrides[name].value
+        raise ValueError(f"parameter {name}: expected {kind}{allowed}, got {given!r}") from error
     if choices and value not in choices:
         raise ValueError(f"parameter {name}: expected one of {list(choices)}, got '{value}'")
     return value
