@@ -30,8 +30,8 @@ def osc_weights(tmp_path):
     return write_policies(tmp_path / "weights", CARD, controller="osc")
 
 
-@pytest.mark.parametrize("name", ["pre_contact", "post_contact"])
-def test_a_node_refuses_weights_of_another_controller(name, osc_weights, graph):
+def test_a_node_refuses_weights_of_another_controller(osc_weights, graph):
+    name = "pre_contact"
     parameters = ["-p", f"weights:={osc_weights}"]
     result = finished(*command("np_policy", name), "--ros-args", *parameters)
     assert result.returncode == 1 and "Traceback" not in result.stderr
@@ -50,8 +50,8 @@ def test_an_evaluation_refuses_weights_of_another_controller_before_it_starts_a_
     assert not out.exists()
 
 
-@pytest.mark.parametrize("name", ["pre_contact", "post_contact"])
-def test_a_node_says_in_its_diagnostics_that_its_weights_know_other_contacts(name, weights, graph, probe):
+def test_a_node_says_in_its_diagnostics_that_its_weights_know_other_contacts(weights, graph, probe):
+    name = "post_contact"
     file, contract = weights_file(name, CARD, weights), PolicyContract.of(name, CARD)
     contact = json.loads(json.dumps(contract.contact)) | {"cone": "pyramidal"}
     file.write_bytes(with_metadata(file.read_bytes(), {KEY: replace(contract, contact=contact).text()}))
