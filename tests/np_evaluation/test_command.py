@@ -195,7 +195,7 @@ def commands() -> list[str]:
     alone = [
         ".".join(path.relative_to(folder).with_suffix("").parts)
         for folder in (ROOT / "training", ROOT / "benchmark")
-        for path in sorted(folder.rglob("*.py"))
+        for path in sorted(folder.glob("np_*/**/*.py"))
         if "__main__" in path.read_text() and "tests" not in path.parts
     ]
     return [*re.findall(r"= ((?:np_|sim2real)[\w.]+):main", told), *alone]
