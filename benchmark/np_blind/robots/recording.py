@@ -77,11 +77,12 @@ def record_task_physx(patch: Patch, seed: int) -> TaskRecording:
 
 def diagnose_robot(log: Log | None, tasks: Sequence[TaskRecording]) -> tuple[Patch, dict]:
     """What the doctor finds in recordings of a robot, of which it is told nothing; verdicts by doctor. log: None where it was not to be had."""
-    found, left_out, verdict = Patch(), [], "not recorded"
+    found, left_out, verdict = Patch(), (), "not recorded"
     if log is not None:
         try:
             arm = diagnose_arm([log])
-            verdict, (found, left_out, _) = arm.verdict, try_patch(arm)
+            verdict, (found, trial) = arm.verdict, try_patch(arm)
+            left_out = trial.left_out if trial else ()
         except ValueError as error:
             verdict = f"refused: {error}"
     rests = tuple(place for task in tasks for place, _ in find_rest_poses(task.track, task.domain))

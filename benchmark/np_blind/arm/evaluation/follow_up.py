@@ -60,7 +60,7 @@ def follow_up(case: ArmCase, bag: Path, folder: Path, ask: Callable[[Sequence[Pa
 def is_answered(entry: Mapping, folder: Path) -> bool | None:
     """Whether the second answer is sure and right: `identified` with what the key says and nothing else,
     `no_gap`
-    of a clean arm, `unexplained` of a fault out of the catalogue. None where there was no second recording."""
+    of a clean arm, `unexplained` or `partly_explained` of a fault out of the catalogue. None where there was no second recording."""
     answer = folder / FOLDER
     if not (answer / "error.txt").exists():
         return None
@@ -70,9 +70,9 @@ def is_answered(entry: Mapping, folder: Path) -> bool | None:
         report = json.loads((answer / "report.json").read_text(encoding="utf-8"))
     except ValueError:  # cut off while it was written
         return False
-    verdict = {"null": "no_gap", UNKNOWN_FAULT_KIND: "unexplained"}.get(entry["kind"])
-    if verdict is not None:
-        return report["verdict"] == verdict
+    verdicts = {"null": ("no_gap",), UNKNOWN_FAULT_KIND: ("unexplained", "partly_explained")}.get(entry["kind"])
+    if verdicts is not None:
+        return report["verdict"] in verdicts
     named = {(e["effect"], e["component"]) for e in report["effects"] if e["is_added"]}
     return report["verdict"] == "identified" and named == {(f["effect"], f["component"]) for f in entry["faults"]}
 

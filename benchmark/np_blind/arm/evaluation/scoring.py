@@ -19,7 +19,7 @@ HARM = 1.02  # times the gap before, beyond which a patch has done harm
 @dataclass
 class Score:
     """What is right about one case; None where the question does not arise. named: effect@component;
-    effect: of faults of at least CLEAR; effect_any: of any size; settled: of `followup.is_settled`; settled_known: the same where the truth was one of the models
+    effect: of faults of at least CLEAR; effect_any: of any size; found: of any size, wherever it stands in the report; settled: of `followup.is_settled`; settled_known: the same where the truth was one of the models
     that the experiment was to tell apart."""
 
     case: int
@@ -37,6 +37,7 @@ class Score:
     pair: bool | None = None
     settled: bool | None = None
     settled_known: bool | None = None
+    found: bool | None = None
     covered: list[bool] = field(default_factory=list)
     share: float | None = None
     absolute: float | None = None
@@ -81,10 +82,12 @@ def score_case(entry: Mapping, report: Mapping | None, error: str = "") -> Score
         error=error,
         runtime_s=report.get("runtime_s"),
     )
+    if entry["kind"] == "friction":
+        return score
     if entry["kind"] == "null":
         score.false_alarm = report["verdict"] != "no_gap"
     elif entry["kind"] == UNKNOWN_FAULT_KIND:
-        score.abstained = report["verdict"] == "unexplained"
+        score.abstained = report["verdict"] in ("unexplained", "partly_explained")
     elif entry["kind"] == "single":
         fault = faults[0]
         place = next((w for w in report["where"] if w["module"] != "unknown"), None)
@@ -92,6 +95,7 @@ def score_case(entry: Mapping, report: Mapping | None, error: str = "") -> Score
         score.joint = place is not None and place["component"] == fault["component"]
         score.effect_any = _is_named(fault, added[:1], added)
         score.effect = score.effect_any if fault["size"] >= CLEAR else None
+        score.found = _is_named(fault, added, added)
         score.covered = _coverage(fault, added)
     else:
         ranked = report["effects"][:3]
@@ -133,7 +137,7 @@ def score_gap(score: Score, nominal: float, oracle: float, patched: float) -> No
     Share against the oracle only where that removes at least REDUCIBLE of the gap; harm is judged always.
     """
     score.harm = bool(patched > HARM * nominal)
-    if nominal - oracle >= REDUCIBLE * nominal and score.kind in ("single", "pair"):
+    if nominal - oracle >= REDUCIBLE * nominal and score.kind in ("single", "pair", "friction"):
         score.share = (nominal - patched) / (nominal - oracle)
         score.absolute = 1.0 - patched / nominal
 
@@ -152,6 +156,7 @@ def summary(scores: Sequence[Score]) -> dict[str, object]:
     rate("joint_accuracy", [s.joint for s in scores])
     rate("effect_class_accuracy", [s.effect for s in scores])
     rate("effect_class_accuracy_any", [s.effect_any for s in scores])
+    rate("planted_effect_found", [s.found for s in scores])
     rate("false_alarm", [s.false_alarm for s in scores])
     rate("abstain_out_of_catalogue", [s.abstained for s in scores])
     rate("pairs_top3", [s.pair for s in scores])

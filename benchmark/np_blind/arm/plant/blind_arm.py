@@ -168,6 +168,9 @@ class BatchedArms:
             extra = extra + p.holding * forward * np.exp(-((speed / HOLDS) ** 2))
         extra = extra + self._out_of_catalogue.friction(self.q, speed)
         forward, backward = forward + extra, backward + extra
+        if "fall_forward" in used:
+            left = 1.0 / (1.0 + (np.abs(speed) / p.fall_speed) ** p.fall_steepness)
+            forward, backward = forward + p.fall_forward * left, backward + p.fall_backward * left
         self._bend, friction = prandtl(self._bend, speed, forward, backward, self._stiff, STEP)
         friction = friction + np.where(speed > 0, p.viscous_forward, p.viscous_backward) * speed
         if "thermal_drop" in used:

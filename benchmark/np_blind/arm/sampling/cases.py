@@ -12,6 +12,7 @@ from np_blind.arm.sampling import six_hinges
 from np_blind.arm.sampling.background import apply_background, apply_session_changes
 from np_blind.arm.sampling.changes import FIRST_DAY, SECOND_DAY, change_between_sessions, read_levels
 from np_blind.arm.sampling.faults import EFFECTS, Fault, Parameters, apply, largest, limit_of, visible, widen
+from np_blind.arm.sampling.measured_friction import apply_measured_friction
 from np_blind.arm.sampling.unknown_faults import UNKNOWN_FAULTS, apply_unknown_fault, draw_unknown_faults
 
 UNKNOWN_FAULT_KIND = "stranger"  # as sealed keys and published results say it
@@ -24,9 +25,14 @@ SETS = {
     "locked_changes": 4,
     "development_six": 61,
     "locked_six": 62,
+    "development_friction": 71,
+    "locked_friction": 72,
 }
-"""The seeds of development and of the locked test lie apart. Sets of changes have two recordings of each arm."""
+"""The seeds of development and of the locked test lie apart. Sets of changes have two recordings of each arm.
+In sets of friction every arm has measured friction (`measured_friction`), and most have one effect of the catalogue besides."""
 CHANGES = ("development_changes", "locked_changes", "development_six", "locked_six")
+FRICTION = (SETS["development_friction"], SETS["locked_friction"])
+FRICTION_ALONE = 0.25  # of the cases of a set of friction
 SIX_HINGES = (SETS["development_six"], SETS["locked_six"])
 UNCHANGED = 1 / 3  # of the cases of a set of changes
 MOST_ALWAYS, LARGEST_ALWAYS = 3, 5.0  # faults that an arm had before any change, and times their limit, at most
@@ -61,6 +67,7 @@ class ArmCase:
     """One arm to be: its kind, of `KINDS`; its faults; seed: of everything random about it.
 
     In a set of changes faults are what came between two days, always what it had before; day 0: of any other set.
+    has_measured_friction: of a set of friction; then it is part of what there is to be found, as the faults are.
     """
 
     number: int
@@ -69,6 +76,7 @@ class ArmCase:
     seed: tuple[int, ...]
     always: tuple[Fault, ...] = ()
     day: int = 0
+    has_measured_friction: bool = False
 
     @property
     def noise(self) -> tuple[int, ...]:
@@ -102,6 +110,8 @@ def draw_cases(count: int, seed: int, which: str) -> list[ArmCase]:
     root = (SETS[which], seed)
     if which in CHANGES:
         return _draw_changes(count, root)
+    if root[0] in FRICTION:
+        return _draw_friction(count, root)
     sizes = Sizes()
     rng = np.random.default_rng([*root, 0])
     exact = np.array(list(KINDS.values())) * count
@@ -146,6 +156,17 @@ def _draw_changes(count: int, root: tuple[int, int]) -> list[ArmCase]:
     return cases
 
 
+def _draw_friction(count: int, root: tuple[int, int]) -> list[ArmCase]:
+    rng = np.random.default_rng([*root, 0])
+    kinds = rng.permutation(np.where(np.arange(count) < round(FRICTION_ALONE * count), "friction", "single"))
+    effects, cases = _deck(EFFECTS, rng), []
+    for number, kind in enumerate(kinds):
+        own = np.random.default_rng([*root, 1, number])
+        faults = (_fault(next(effects), own, Sizes()),) if kind == "single" else ()
+        cases.append(ArmCase(number, str(kind), faults, (*root, 2, number), has_measured_friction=True))
+    return cases
+
+
 def make_physics(cases: list[ArmCase], background: bool = True) -> tuple[Physics, list[list[Parameters]]]:
     """The arms of cases of one set, and of each what exactly its faults are: changes against the arm as it was, where it has two days.
 
@@ -157,6 +178,8 @@ def make_physics(cases: list[ArmCase], background: bool = True) -> tuple[Physics
     for i, case in enumerate(cases):
         if background:
             apply_background(physics, i, case.seed, six_hinges.READY if is_six else READY)
+        if case.has_measured_friction:
+            apply_measured_friction(physics, i, case.seed)
         for k, fault in enumerate(case.always):
             own = np.random.default_rng([*case.seed, 6, k])
             if is_six:
