@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sim2real.diagnosis import Diagnosis
 from sim2real.effects.patch import Patch
 from sim2real.progress import StageCallback, ignore_stage
-from sim2real.simulation.patch_trial import make_patch, try_patch
+from sim2real.simulation.patch_trial import PatchTrial, make_patch, try_patch
 from sim2real.thresholds import THRESHOLDS
 
 
@@ -18,10 +17,8 @@ class Consequences:
 
     patch: Patch
     """Effects of the diagnosis that a simulator gets."""
-    left_out: Sequence[str] = ()
-    """Effects that are not in the patch, since they bring the closed loop no nearer."""
-    closed_loop: dict | None = None
-    """Departures of the closed loop without and with the patch; None where it was not simulated."""
+    trial: PatchTrial | None = None
+    """The patch in simulation, on held-out motion where there is any; None where it was not simulated."""
     experiment: dict | None = None
     """The experiment that would settle the largest open question (`power.choose_next_experiment`)."""
     refit: dict | None = None
@@ -44,7 +41,7 @@ def follow_up(diagnosis: Diagnosis, quick: bool = False, tell: StageCallback = i
     question = find_open_question(diagnosis)
     experiment = choose_next_experiment(diagnosis, question)
     tell("the patch in the simulator")
-    patch, left_out, closed_loop = try_patch(diagnosis)
+    patch, trial = try_patch(diagnosis)
     tell("refit in the simulator")
     rivals = question[1].models[1 : THRESHOLDS.refit.models] if question else ()
-    return Consequences(patch, left_out, closed_loop, experiment, refit_in_simulation(diagnosis, rivals))
+    return Consequences(patch, trial, experiment, refit_in_simulation(diagnosis, rivals))

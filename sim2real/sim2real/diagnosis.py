@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim2real.arm.model import Arm, panda
+from sim2real.checks.held_out import HeldOut, keep_what_helps, lay_aside
 from sim2real.checks.lack_of_fit import LackOfFit, omnibus_test
 from sim2real.checks.shrinkage import Gap, measure_gap
 from sim2real.checks.unexplained import find_unexplained_joints
@@ -38,11 +39,15 @@ class Diagnosis:
     """What the recordings say about the arm."""
 
     verdict: str
-    """"no_gap", "identified", "ambiguous" (another effect may be the cause) or "unexplained" (no effect is)."""
+    """"no_gap", "identified", "ambiguous" (another effect may be the cause), "partly_explained" (effects are shown to help on
+    held-out motion, and more is left) or "unexplained" (nothing is shown to help)."""
     findings: tuple[Finding, ...]
     """The effects of the chosen model, by the energy that they remove, then those of other probable models."""
     gap: Gap
-    """The held-out gap without effects and with the chosen model."""
+    """The gap without effects and with the chosen model, each block predicted by a fit to the others; the effects were chosen
+    on all of them."""
+    held_out: HeldOut | None
+    """The same on windows that neither fit nor choice has seen; None where none was laid aside."""
     lack_of_fit: tuple[LackOfFit, ...]
     """Omnibus tests of the chosen model, one a stage and joint."""
     unexplained: tuple[int, ...]
@@ -60,7 +65,12 @@ class Diagnosis:
     def sentence(self) -> str:
         """The result in one to three sentences."""
         joints = [self.context.arm.joints[j] for j in self.unexplained]
-        return sentence(self.verdict, self.findings, joints, self.gap, bool(self.context.reference))
+        left = {joint: self._left(j) for joint, j in zip(joints, self.unexplained)}
+        return sentence(self.verdict, self.findings, left, self.gap, bool(self.context.reference))
+
+    def _left(self, joint: int) -> float:
+        """RMS Nm that the model leaves at a joint, on held-out motion where there is any."""
+        return float((self.gap if self.held_out is None else self.held_out).after_joint[joint])
 
     def summary(self) -> str:
         """The result as text for a terminal: the sentence, the gap, and one line an effect."""
@@ -112,24 +122,27 @@ def explain_gap(
     """
     tell("search for effects")
     arm = arm or panda()
+    laid_aside = () if quick else lay_aside([*reference, *logs])
     known, constant = refine_torque_constants(list(reference or logs), arm)
     if reference:  # constants of motors are the same in both
         known += [log if log.per_ampere is None else current_to_torque(log, known[0].per_ampere) for log in logs]
         constant = None
-    context = make_context(known, arm, len(reference), constant)
+    context = make_context(known, arm, len(reference), constant, laid_aside)
     design = estimate_loop_delay(make_regression(context))
     search = ModelSearch(design)
     search, chosen = refine_nonlinear_parameters(search, search.run(*((1, 1) if quick else ())))
+    chosen, held_out = keep_what_helps(search, chosen, seed)
     design = search.design
     tell("what is left, and how sure it is")
     lack_of_fit = omnibus_test(search, chosen.members)
     unexplained = find_unexplained_joints(search, chosen, lack_of_fit, quick)
     gap = measure_gap(search, chosen, seed)
-    found = _findings(search, chosen, gap, seed, quick)
+    found = _findings(search, chosen, gap, held_out, seed, quick)
     return Diagnosis(
         _verdict(found, unexplained),
         tuple(found),
         gap,
+        held_out,
         tuple(lack_of_fit),
         unexplained,
         context,
@@ -139,7 +152,9 @@ def explain_gap(
     )
 
 
-def _findings(search: ModelSearch, chosen: ScoredModel, gap: Gap, seed: int, quick: bool) -> list[Finding]:
+def _findings(
+    search: ModelSearch, chosen: ScoredModel, gap: Gap, held_out: HeldOut | None, seed: int, quick: bool
+) -> list[Finding]:
     design = search.design
     joints = design.context.arm.joints
     probability_of = effect_probabilities(search, seed)
@@ -164,6 +179,7 @@ def _findings(search: ModelSearch, chosen: ScoredModel, gap: Gap, seed: int, qui
                 gap.energy_removed(search, chosen, m),
                 generalised_by,
                 sum(probability_of.get((name, place), 0.0) for name in generalised_by),
+                None if held_out is None else held_out.effects[m],
             )
         )
     found += _steps(design)
@@ -203,10 +219,10 @@ def _steps(design: RegressionProblem) -> list[Finding]:
 
 
 def _verdict(found: list[Finding], unexplained: tuple[int, ...]) -> str:
-    """Of the whole: unexplained where any joint is."""
+    """Of the whole: unexplained where any joint is, and nothing is shown to help."""
     chosen = [f for f in found if f.is_chosen]
     if unexplained:
-        return "unexplained"
+        return "partly_explained" if any(f.is_shown_to_help for f in chosen) else "unexplained"
     if not chosen:
         return "no_gap"
     return "ambiguous" if any(f.is_open for f in chosen) else "identified"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sim2real.checks.held_out import EffectTrial
 from sim2real.effects.regressor import EffectRegressor
 from sim2real.inference.estimates import Estimate
 from sim2real.thresholds import THRESHOLDS
@@ -35,6 +36,13 @@ class Finding:
     """Ids of effects of which it is a special case (`ranking.generalisations`); they do not contradict it."""
     generalised_probability: float = 0.0
     """Sum of the probabilities of `generalised_by`."""
+    held_out: EffectTrial | None = None
+    """What it does on held-out motion; None where there is none, or the chosen model does not hold it."""
+
+    @property
+    def is_shown_to_help(self) -> bool:
+        """Whether the model predicts held-out motion surely better with it than without it."""
+        return self.held_out is not None and self.held_out.is_shown and self.held_out.helps
 
     @property
     def class_probability(self) -> float:

@@ -63,6 +63,7 @@ def finding(effect, component, values, competing=(), probability=1.0):
         competing_effects=competing,
         class_probability=probability,
         is_open=bool(competing) or probability < 0.9,
+        is_shown_to_help=True,
     )
 
 
@@ -82,8 +83,8 @@ def diagnosis(verdict, findings=(), unexplained=(), reference=0):
 
 def sentence_of(*args, **named):
     one = diagnosis(*args, **named)
-    joints = [NOMINAL.joints[j] for j in one.unexplained]
-    return sentence(one.verdict, one.findings, joints, one.gap, bool(one.context.reference))
+    left = {NOMINAL.joints[j]: 0.041 for j in one.unexplained}
+    return sentence(one.verdict, one.findings, left, one.gap, bool(one.context.reference))
 
 
 def test_what_is_identified_is_said_with_what_it_removes():
@@ -116,11 +117,20 @@ def test_what_is_unexplained_names_the_joint_first():
     assert sentence_of("unexplained", (), (6,)).startswith("Joint 7 departs from")
 
 
+def test_what_is_partly_explained_says_both_halves_first():
+    said = sentence_of("partly_explained", (FRICTION,), (4, 6))
+    first = said.split(". ")[0]
+    assert "one effect is shown to help" in first and "0.041 Nm at joint 5 and 0.041 Nm at joint 7" in first
+    assert "joint 4 has 0.80 Nm" in said
+
+
 def test_the_loop_goes_on_only_where_there_is_a_patch_to_use():
     folder = Path("runs/report")
     assert suggest_next_steps(diagnosis("no_gap"), folder) == []
     assert suggest_next_steps(diagnosis("identified", (PAYLOAD,), reference=1), folder) == []
     commands = [command for _, command in suggest_next_steps(diagnosis("identified", (PAYLOAD,)), folder)]
     assert "--patch runs/report/patch.yaml" in commands[1] and len(commands) == 7
+    partly = [command for _, command in suggest_next_steps(diagnosis("partly_explained", (PAYLOAD,), (1,)), folder)]
+    assert partly == commands
     unexplained = [command for _, command in suggest_next_steps(diagnosis("unexplained", (), (1,)), folder)]
     assert len(unexplained) == 2 and not any("train" in command for command in unexplained)

@@ -82,12 +82,12 @@ def measure_gap(search: ModelSearch, chosen: ScoredModel, seed: int) -> Gap:
     if not moved.any():
         raise ValueError(f"expected a joint that moves in {SHRINKAGE.blocks} blocks of the recording, got none")
     every = np.ones((1, len(design.blocks)))
-    old, new = (_rms(cells, part, rows, every, joints)[0] for part in (before_block, after_block))
+    old, new = (rms_by_joint(cells, part, rows, every, joints)[0] for part in (before_block, after_block))
     rng = np.random.default_rng(seed)
     weights = rng.multinomial(
         len(design.blocks), np.full(len(design.blocks), 1 / len(design.blocks)), SHRINKAGE.bootstraps
     )
-    olds, news = (_rms(cells, part, rows, weights, joints) for part in (before_block, after_block))
+    olds, news = (rms_by_joint(cells, part, rows, weights, joints) for part in (before_block, after_block))
     shrink = 1 - new[moved].mean() / max(old[moved].mean(), 1e-12)
     draws = 1 - news[:, moved].mean(axis=1) / np.maximum(olds[:, moved].mean(axis=1), 1e-12)
     half = THRESHOLDS.estimates.t95 * draws.std()
@@ -165,8 +165,8 @@ def _by_block(cells, old, new, blocks: int):
     return before, after, rows
 
 
-def _rms(cells, squares, rows, weights, joints: int) -> np.ndarray:
-    """(draws, joints): root of the sum over stages of the mean square."""
+def rms_by_joint(cells, squares, rows, weights, joints: int) -> np.ndarray:
+    """(draws, joints) Nm: root of the sum over stages of the mean square."""
     total = np.zeros((len(weights), joints))
     for joint in range(joints):
         for stage in (Stage.CONTROLLER, Stage.DRIVE, Stage.DYNAMICS):

@@ -160,7 +160,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     progress.end()
     print(report["sentence"])
-    gap = report["gap"]
+    gap, held_out = report["gap"], report["held_out"]
     print(
         json.dumps(
             {
@@ -169,6 +169,7 @@ def main(arguments: list[str] | None = None) -> int:
                 "before": gap["before"],
                 "after": gap["after"],
                 "floor": gap["floor"],
+                "held_out": held_out and {name: held_out[name] for name in ("unit", "before", "after", "ci95")},
                 "shrink": gap["shrink"],
                 "shrink_ci95": gap["shrink_ci95"],
                 "report": str(options.out / "report.json"),

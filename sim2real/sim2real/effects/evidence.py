@@ -151,6 +151,15 @@ class Context:
     constant: np.ndarray | None = None
     """(n, k) Nm per relative error of a motor's torque constant, where the recording itself determined the constants; None
     where torque was measured."""
+    laid_aside: tuple[tuple[int, float, float], ...] = ()
+    """Windows (trajectory, begin s, end s) that neither a fit nor the choice of effects sees."""
+
+    def window_of(self, trajectory: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Number (n,) of the window laid aside that each row lies in, by its recording and time s; -1 where in none."""
+        found = np.full(len(time), -1)
+        for number, (own, begin, end) in enumerate(self.laid_aside):
+            found[(trajectory == own) & (time >= begin) & (time <= end)] = number
+        return found
 
     @property
     def has_torque(self) -> np.ndarray:

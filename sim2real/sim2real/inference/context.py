@@ -21,9 +21,15 @@ SMOOTH = 25  # samples of the fine grid to either side
 HANN = np.hanning(2 * SMOOTH + 3)[1:-1] / np.hanning(2 * SMOOTH + 3).sum()
 
 
-def make_context(logs: list[Log], arm: Arm, reference: int = 0, constant: np.ndarray | None = None) -> Context:
-    """Everything that effects and stages look at; reference: how many of the logs are of the arm as it was; constant: of
-    `Context`.
+def make_context(
+    logs: list[Log],
+    arm: Arm,
+    reference: int = 0,
+    constant: np.ndarray | None = None,
+    laid_aside: tuple[tuple[int, float, float], ...] = (),
+) -> Context:
+    """Everything that effects and stages look at; reference: how many of the logs are of the arm as it was; constant,
+    laid_aside: of `Context`.
 
     Raises ValueError where the logs are too short.
     """
@@ -49,6 +55,7 @@ def make_context(logs: list[Log], arm: Arm, reference: int = 0, constant: np.nda
         set_aside,
         reference,
         constant,
+        laid_aside,
     )
 
 

@@ -34,6 +34,7 @@ class ResidualStages:
         self._alike_of: tuple[tuple[Stage, int], tuple[np.ndarray, np.ndarray]] | None = None
         self._projected: dict[tuple[int, int], tuple[EffectRegressor, np.ndarray]] = {}
         self.stages = [Stage.DYNAMICS]
+        self._windows: dict[Stage, np.ndarray] = {}
         self._slides = np.column_stack([is_sliding(context.samples, j) for j in range(len(context.arm))])
         if context.drive is not None:
             self.stages += [Stage.CONTROLLER, Stage.DRIVE] if context.drive.is_replayed else [Stage.DRIVE]
@@ -166,8 +167,18 @@ class ResidualStages:
             kept[key] = effect, effect.columns[stage](self.context, joint)
         return kept[key][1]
 
+    def window_of(self, stage: Stage) -> np.ndarray:
+        """Number (n,) of the window laid aside that each row lies in; -1 where in none."""
+        if stage not in self._windows:
+            self._windows[stage] = self.context.window_of(*self.times(stage))
+        return self._windows[stage]
+
     def rows(self, stage: Stage, joint: int, at_reversal: bool = False) -> np.ndarray:
-        """Rows (n,) bool that count.
+        """Rows (n,) bool that count: those that `can_count` outside of the windows laid aside."""
+        return self.can_count(stage, joint, at_reversal) & (self.window_of(stage) < 0)
+
+    def can_count(self, stage: Stage, joint: int, at_reversal: bool = False) -> np.ndarray:
+        """Rows (n,) bool that say something of the stage.
 
         At the stage of the dynamics those are either the rows in which the joint slides in one direction, or
         those about its reversals, where friction behaves differently. A joint that stands is held by friction

@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
 
+import numpy as np
+
 from sim2real.consequences import Consequences
 from sim2real.diagnosis import Diagnosis
 from sim2real.effects.patch import Patch, dump_patch
@@ -14,7 +16,9 @@ from sim2real.finding import Finding
 from sim2real.gap_location import list_growing_gaps, locate_gap, regime_gaps, stage_gaps
 from sim2real.progress import StageCallback, ignore_stage
 from sim2real.recordings.signals import Log
+from sim2real.report.held_out import describe_held_out
 from sim2real.report.notes import list_notes
+from sim2real.simulation.patch_trial import PatchTrial
 
 
 def make_report(
@@ -30,7 +34,7 @@ def make_report(
         "where": locate_gap(diagnosis),
         "effects": [_effect_row(f) for f in diagnosis.findings] if diagnosis.verdict != "no_gap" else [],
         "gap": {
-            "metric": "held-out RMS of the torque residuals of all rungs, averaged over the joints that moved",
+            "metric": "RMS of the torque residuals of all rungs, averaged over the joints that moved, each block predicted by a fit to the others; effects were chosen on all of these blocks",
             "unit": "Nm",
             "before": gap.before,
             "after": gap.after,
@@ -51,9 +55,10 @@ def make_report(
                 for j, joint in enumerate(joints)
             },
             "worse": list_growing_gaps(diagnosis),
-            "not_patched": list(done.left_out),
-            "closed_loop_rad": done.closed_loop or {},
+            "not_patched": list(done.trial.left_out) if done.trial else [],
+            "closed_loop_rad": _closed_loop(done.trial, joints),
         },
+        "held_out": describe_held_out(diagnosis, done),
         "next_experiment": done.experiment,
         "forward": done.refit,
         "data": {
@@ -64,9 +69,18 @@ def make_report(
             "test_trajectories": len(diagnosis.design.blocks),
             "held_out": "each block of contiguous motion once, by a fit to the others at least 0.5 s away",
         },
-        "notes": list_notes(diagnosis, bool(done.closed_loop)),
+        "notes": list_notes(diagnosis, done.trial is not None),
         "runtime_s": runtime,
     }
+
+
+def _closed_loop(trial: PatchTrial | None, joints: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Departures rad by joint, none without a simulation."""
+    if trial is None:
+        return {}
+    if not np.isfinite([trial.before, trial.after]).all():
+        return {"diverged": {"before": 0.0, "after": 0.0}}
+    return {j: {"before": float(b), "after": float(a)} for j, b, a in zip(joints, trial.before, trial.after)}
 
 
 def to_json(report: dict, quick: bool = False) -> str:

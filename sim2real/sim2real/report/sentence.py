@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from sim2real.checks.shrinkage import Gap
 from sim2real.effects import ARM_EFFECTS
@@ -14,9 +14,9 @@ _COUNT = {1: "it", 2: "both", 3: "all three"}
 
 
 def sentence(
-    verdict: str, findings: Sequence[Finding], unexplained: Sequence[str], gap: Gap, is_change: bool = False
+    verdict: str, findings: Sequence[Finding], left: Mapping[str, float], gap: Gap, is_change: bool = False
 ) -> str:
-    """What differs and by how much, which effects compete, and which joints (`unexplained`) no effect explains.
+    """What differs and by how much, which effects compete, and what is left (`left` Nm RMS) at joints that no effect explains.
 
     is_change: whether the comparison is with earlier recordings of the arm, not with the simulator.
     """
@@ -25,11 +25,17 @@ def sentence(
     if verdict == "no_gap":
         text = "The arm moves as it did" if is_change else "The arm moves as the simulator does"
         return f"{text}: no difference was found that repeats."
-    parts = [_describe_unexplained(unexplained, nominal)] if verdict == "unexplained" else []
+    parts = [_describe_unexplained(left, nominal)] if verdict == "unexplained" else []
+    if verdict == "partly_explained":
+        parts.append(_describe_partly_explained(sum(f.is_shown_to_help for f in found), left))
     if found:
         text = "; ".join(_describe_finding(f, nominal) for f in found)
         text = text.replace("(", "(95 %: ", 1)  # the other brackets are the same
-        opening = {"unexplained": "What was found beside that: ", "ambiguous": "Probably "}.get(verdict, "")
+        opening = {
+            "unexplained": "What was found beside that: ",
+            "partly_explained": "Found: ",
+            "ambiguous": "Probably ",
+        }.get(verdict, "")
         parts.append(f"{opening}{text}.")
         parts.append(_describe_shrinkage(gap, len(found)))
     parts += [_describe_doubt(f) for f in found if verdict == "ambiguous" and f.is_open]
@@ -55,10 +61,20 @@ def _describe_doubt(finding: Finding) -> str:
     return f"{name} has a probability of {finding.class_probability:.2f} only."
 
 
-def _describe_unexplained(names: Sequence[str], nominal: str) -> str:
-    joints = [describe_component(EffectTarget.JOINT, name) for name in names]
-    names = joints[0] if len(joints) == 1 else f"{', '.join(joints[:-1])} and {joints[-1]}"
-    verb = "departs" if len(joints) == 1 else "depart"
+def _describe_partly_explained(count: int, left: Mapping[str, float]) -> str:
+    """Both halves: what is explained, and what is left where."""
+    rest = _join([f"{value:.2g} Nm at {describe_component(EffectTarget.JOINT, name)}" for name, value in left.items()])
+    effects = "one effect is" if count == 1 else f"{count} effects are"
+    return f"The difference is partly explained: {effects} shown to help on held-out motion, and {rest} is left that no known effect explains."
+
+
+def _join(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def _describe_unexplained(left: Mapping[str, float], nominal: str) -> str:
+    names = _join([describe_component(EffectTarget.JOINT, name) for name in left])
+    verb = "departs" if len(left) == 1 else "depart"
     return f"{names} {verb} from {nominal} in a way that no known effect explains: look at the joint before you use the patch."
 
 

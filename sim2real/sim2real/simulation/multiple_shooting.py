@@ -74,10 +74,15 @@ class ShootingWindows:
         return np.arange(first, self.position.shape[1], max(1, round(SHOT.sample / self.period)))
 
 
-def cut_windows(logs: Sequence[Log], every: float = SHOT.every) -> ShootingWindows | None:
-    """Windows of all recordings of the Panda with commands at one rate; None where there are none."""
+def cut_windows(
+    logs: Sequence[Log], every: float = SHOT.every, spans: Sequence[tuple[int, float, float]] = ()
+) -> ShootingWindows | None:
+    """Windows of all recordings of the Panda with commands at one rate; None where there are none.
+
+    spans: (number of the log, begin s, end s) in which they lie side by side; none: anywhere, `every` s apart.
+    """
     parts, period = [], None
-    for log in logs:
+    for number, log in enumerate(logs):
         c = log.commands
         if c is None or log.position.shape[1] != len(JOINT_NAMES):
             continue
@@ -89,7 +94,11 @@ def cut_windows(logs: Sequence[Log], every: float = SHOT.every) -> ShootingWindo
         q, dq = log.position[c.rows], log.velocity[c.rows]
         fed = c.torque - c.stiffness * (lead - q) + c.damping * dq
         rows = round((SHOT.warm + SHOT.window) / period) + 1
-        for first in range(SHOT.smooth, len(c.rows) - rows - SHOT.smooth, max(1, round(every / period))):
+        time = log.time[c.rows]
+        step = rows if spans else max(1, round(every / period))
+        where = [(a, b) for n, a, b in spans if n == number] if spans else [(-np.inf, np.inf)]
+        firsts = [k for a, b in where for k in _firsts(time, a, b, rows, step)]
+        for first in firsts:
             s = slice(first, first + rows)
             if c.rows[first + rows] - c.rows[first] == rows:
                 parts.append(
@@ -107,6 +116,12 @@ def cut_windows(logs: Sequence[Log], every: float = SHOT.every) -> ShootingWindo
     if not parts:
         return None
     return ShootingWindows(period, round(SHOT.warm / period), *(np.array(column) for column in zip(*parts)))
+
+
+def _firsts(time: np.ndarray, begin: float, end: float, rows: int, step: int) -> range:
+    """First rows, `step` apart, of windows of `rows` rows that lie between begin and end s of commands at times (m,) s."""
+    first, last = np.searchsorted(time, [begin, end])
+    return range(max(int(first), SHOT.smooth), min(int(last), len(time) - SHOT.smooth) - rows, step)
 
 
 def simulate_departures(recorded: ShootingWindows, patches: Sequence[Patch]) -> np.ndarray:

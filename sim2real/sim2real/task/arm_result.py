@@ -14,7 +14,7 @@ class ArmResult:
     """The diagnosis of the arm."""
 
     verdict: str
-    """As in report.json: no_gap, identified, ambiguous, unexplained."""
+    """As in report.json: no_gap, identified, ambiguous, partly_explained, unexplained."""
     sentence: str
     """The finding in words."""
 

@@ -121,6 +121,22 @@ class Shrinkage:
 
 
 @dataclass(frozen=True)
+class HeldOut:
+    """Motion that is laid aside before fit and choice (checks/held_out.py)."""
+
+    window: float = 1.5
+    """s, of a window that is laid aside: two shots of the simulator."""
+    every: float = 7.5
+    """s, from one window to the next: a fifth of the motion is laid aside."""
+    shortest: float = 45.0
+    """s, of recordings of which any is laid aside: the rest is fitted to."""
+    shown: float = 0.05
+    """Share of what an effect does elsewhere that it must do in the windows to be judged there."""
+    bootstraps: int = 1000
+    """Draws of the bootstrap over windows."""
+
+
+@dataclass(frozen=True)
 class Omnibus:
     """The omnibus test of lack of fit by a flexible model (`checks.lack_of_fit`)."""
 
