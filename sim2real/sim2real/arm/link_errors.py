@@ -53,8 +53,8 @@ def principal_components(arm: Arm) -> tuple[np.ndarray, ...]:
     for joint in range(len(arm)):
         columns = _joint_columns(arm, tables, joint)
         power, directions = np.linalg.eigh(columns.T @ columns / STATES)
-        least = (NUISANCES.link_torque * arm.torque_limit[joint]) ** 2
-        found.append(directions[:, ::-1][:, power[::-1] > least])
+        threshold = (NUISANCES.link_torque * arm.torque_limit[joint]) ** 2
+        found.append(directions[:, ::-1][:, power[::-1] > threshold])
     return tuple(found)
 
 
@@ -72,12 +72,12 @@ def _standard_errors(arm: Arm) -> list[np.ndarray]:
     """For each link, changes (10, 5) of its `rigid.PARAMETERS` by one standard deviation: of its mass, with all that is
     proportional to it; of the place of its centre along x, y, z; of its inertia about that centre."""
     found = []
-    for link, own in enumerate(rigid.central_inertia(arm)):
+    for link, central in enumerate(rigid.central_inertia(arm)):
         mass, moment = arm.mass[link], arm.moment[link]
-        whole = np.concatenate([[mass], moment, _vectorise(arm.inertia[link])])
-        turned = np.concatenate([np.zeros(4), _vectorise(own)])
+        scaled = np.concatenate([[mass], moment, _vectorise(arm.inertia[link])])
+        turned = np.concatenate([np.zeros(4), _vectorise(central)])
         moved = PLACE_ERROR * np.linalg.norm(moment) * rigid.mass_centre_change(arm, link)
-        found.append(np.column_stack([MASS_ERROR * whole, moved, INERTIA_ERROR * turned]))
+        found.append(np.column_stack([MASS_ERROR * scaled, moved, INERTIA_ERROR * turned]))
     return found
 
 

@@ -117,7 +117,7 @@ def arm_from_model(model: mujoco.MjModel, joints: Sequence[str], site: str | Non
     if (parent >= np.arange(count)).any():
         raise ValueError(f"expected joints from the base outwards, got {list(joints)}")
     base = (np.zeros(3), np.eye(3))
-    carried = [base if p < 0 else (origin[p], frame[p]) for p in parent]
+    parent_frames = [base if p < 0 else (origin[p], frame[p]) for p in parent]
     mass, moment, inertia = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3, 3))
     for body in range(1, model.nbody):
         i = owner[body]
@@ -136,8 +136,8 @@ def arm_from_model(model: mujoco.MjModel, joints: Sequence[str], site: str | Non
     return Arm(
         tuple(joints),
         parent,
-        np.array([r.T @ (o - p) for o, (p, r) in zip(origin, carried)]),
-        np.array([r.T @ f for f, (_, r) in zip(frame, carried)]),
+        np.array([r.T @ (o - p) for o, (p, r) in zip(origin, parent_frames)]),
+        np.array([r.T @ f for f, (_, r) in zip(frame, parent_frames)]),
         model.jnt_axis[index].copy(),
         model.qpos0[model.jnt_qposadr[index]].copy(),
         mass,

@@ -77,12 +77,14 @@ def make_drive(logs: list[Log], arm: Arm, reference: int = 0) -> Drive | None:
         period = float(np.median(np.diff(log.time)))
         follows = c.rows + 1 < len(log.time)
         rows = c.rows[follows]
-        kept = np.flatnonzero(follows)[
+        selected = np.flatnonzero(follows)[
             np.abs(log.time[rows + 1] - log.time[rows] - period) < RECORDINGS.answer * period
         ]
-        rows = c.rows[kept]
-        law, error = _replay_law(log, arm, kept) if c.has_law else (c.torque[kept], np.zeros_like(c.torque[kept]))
-        guarded = _find_clipped(log, arm, kept, period)
+        rows = c.rows[selected]
+        law, error = (
+            _replay_law(log, arm, selected) if c.has_law else (c.torque[selected], np.zeros_like(c.torque[selected]))
+        )
+        guarded = _find_clipped(log, arm, selected, period)
         begins = np.flatnonzero(np.diff(log.time[rows], prepend=-1.0) > RECORDINGS.command_gap * period)
         starts.append(count + np.union1d(begins, [0]))
         count += len(rows)
@@ -92,13 +94,13 @@ def make_drive(logs: list[Log], arm: Arm, reference: int = 0) -> Drive | None:
                 log.time[rows],
                 np.full(len(rows), number),
                 law,
-                c.torque[kept],
+                c.torque[selected],
                 log.torque[rows + 1],
                 error,
                 log.velocity[rows],
-                c.target_velocity[kept],
-                c.stiffness[kept],
-                c.damping[kept],
+                c.target_velocity[selected],
+                c.stiffness[selected],
+                c.damping[selected],
                 still,
                 guarded,
             )
@@ -121,41 +123,43 @@ def _estimate_delay(d: Drive, rows: np.ndarray) -> float:
     step = np.diff(d.commanded, axis=0, prepend=d.commanded[:1])
     step[d.starts] = 0.0
     step, residual = step[rows], (d.measured - d.commanded)[rows]
-    kept, share = np.ones(len(step), bool), 0.0
+    selected, share = np.ones(len(step), bool), 0.0
     for _ in range(2):
-        moved = np.maximum(np.square(step[kept]).sum(axis=0), 1e-12)
-        share = float(np.median(-(residual * step)[kept].sum(axis=0) / moved))
+        moved = np.maximum(np.square(step[selected]).sum(axis=0), 1e-12)
+        share = float(np.median(-(residual * step)[selected].sum(axis=0) / moved))
         share = min(max(share, 0.0), USUAL / d.period)
         spread = np.maximum(np.median(np.abs(residual + share * step), axis=0), 1e-6)
-        come, lost = (np.square((residual + s * step) / spread).sum(axis=1) for s in (share, 1.0))
-        kept = come <= lost
+        on_time, lost = (np.square((residual + s * step) / spread).sum(axis=1) for s in (share, 1.0))
+        selected = on_time <= lost
     return share * d.period
 
 
-def _find_clipped(log: Log, arm: Arm, kept: np.ndarray, period: float) -> np.ndarray:
+def _find_clipped(log: Log, arm: Arm, selected: np.ndarray, period: float) -> np.ndarray:
     """Commands (m, k) bool that lie where the controller's own guards allow no more: what the law wanted is not in them.
 
     Judged by the recorded command, not by the law replayed, which may have other gains than the controller. Guards of
     another arm are not known: none of its commands counts as guarded.
     """
     if arm.joints != LIMITS.joints:
-        return np.zeros((len(kept), len(arm)), bool)
+        return np.zeros((len(selected), len(arm)), bool)
     c, limits = log.commands, replace(LIMITS, period_ns=round(1e9 * period))
-    before = c.torque[np.maximum(kept - 1, 0)]
-    state = log.position[c.rows[kept]], log.velocity[c.rows[kept]]
-    least, most = (limit_torque(limits, np.full_like(before, side), before, *state)[0] for side in (-ENDLESS, ENDLESS))
-    return (c.torque[kept] <= least + ROWS.guard) | (c.torque[kept] >= most - ROWS.guard)
+    before = c.torque[np.maximum(selected - 1, 0)]
+    state = log.position[c.rows[selected]], log.velocity[c.rows[selected]]
+    lowest, highest = (
+        limit_torque(limits, np.full_like(before, side), before, *state)[0] for side in (-ENDLESS, ENDLESS)
+    )
+    return (c.torque[selected] <= lowest + ROWS.guard) | (c.torque[selected] >= highest - ROWS.guard)
 
 
-def _replay_law(log: Log, arm: Arm, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _replay_law(log: Log, arm: Arm, selected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(torque (m, k) Nm of the controller's law, its position error (m, k) rad) for these commands."""
     c = log.commands
-    rows = c.rows[kept]
+    rows = c.rows[selected]
     q, dq = log.position[rows], log.velocity[rows]
-    rate = np.gradient(c.target_velocity, log.time[c.rows], axis=0)[kept]
+    rate = np.gradient(c.target_velocity, log.time[c.rows], axis=0)[selected]
     if not c.feedforward:
         rate = np.zeros_like(rate)
     feed = rigid.inverse_dynamics(arm, q, dq, rate, np.zeros(3)) + arm.armature * rate
-    kp, kd = c.stiffness[kept], c.damping[kept]
-    lead = c.target[kept] + kd / kp * c.target_velocity[kept]
+    kp, kd = c.stiffness[selected], c.damping[selected]
+    lead = c.target[selected] + kd / kp * c.target_velocity[selected]
     return impedance_torque(q, dq, lead, kp, kd / np.sqrt(kp), feed), lead - q

@@ -66,9 +66,9 @@ class ArmEffects:
     def drive(self, torque: np.ndarray, q: np.ndarray) -> np.ndarray:
         """What the drives give, Nm, gravity apart, on average over the period in which `torque` Nm is commanded at q rad."""
         torque = namespace(torque).asarray(torque, copy=True)
-        held = 0.0 if self._hold is None else self._hold(q)
+        gravity = 0.0 if self._hold is None else self._hold(q)
         for stage, share in self._drive:
-            torque = stage(torque) if share is None else stage(torque + share * held) - share * held
+            torque = stage(torque) if share is None else stage(torque + share * gravity) - share * gravity
         return torque
 
     def extra(self, q: np.ndarray, dq: np.ndarray) -> np.ndarray:

@@ -32,11 +32,11 @@ class CameraEffects:
         self._effects = [(e.definition, e.values) for e in patch.camera.effects]
         self._seed = seed
         self.believed = self.camera = camera
-        for effect, given in self._effects:
+        for effect, values in self._effects:
             if effect.camera_pose:
-                self.camera = effect.camera_pose(self.camera, given)
-        self._rows = sum(effect.readout_time(given) for effect, given in self._effects if effect.readout_time)
-        self._exposure = sum(effect.exposure(given) for effect, given in self._effects if effect.exposure)
+                self.camera = effect.camera_pose(self.camera, values)
+        self._rows = sum(effect.readout_time(values) for effect, values in self._effects if effect.readout_time)
+        self._exposure = sum(effect.exposure(values) for effect, values in self._effects if effect.exposure)
         self._begin()
 
     def _begin(self) -> None:
@@ -67,8 +67,8 @@ class CameraEffects:
     def oldest(self) -> float:
         """s by which a scene may be older than the stamp of its image, in recordings of less than an hour."""
         ages = (
-            max(effect.image_age(given, s) for s in (0.0, 3600.0))
-            for effect, given in self._effects
+            max(effect.image_age(values, s) for s in (0.0, 3600.0))
+            for effect, values in self._effects
             if effect.image_age
         )
         return max(0.0, sum(ages)) + self._exposure + self._rows / 2
@@ -82,18 +82,18 @@ class CameraEffects:
             self._begin()
         if stamp != self._newest:
             now = stamp * NS
-            shares = [effect.repeats(given) for effect, given in self._effects if effect.repeats]
+            shares = [effect.repeats(values) for effect, values in self._effects if effect.repeats]
             if self._newest < 0 or all(self._rng("frame", stamp).random() >= share for share in shares):
-                age = sum(effect.image_age(given, now) for effect, given in self._effects if effect.image_age)
+                age = sum(effect.image_age(values, now) for effect, values in self._effects if effect.image_age)
                 self._shown = now - max(age, 0.0)
             self._newest = stamp
         return self._shown
 
     def lens(self, pixels: np.ndarray) -> np.ndarray:
         """Pixels (..., 2) at which the true lens has what an ideal one has at `pixels`."""
-        for effect, given in self._effects:
+        for effect, values in self._effects:
             if effect.lens:
-                pixels = effect.lens(pixels, self.believed, given)
+                pixels = effect.lens(pixels, self.believed, values)
         return pixels
 
     def keypoints(self, corners_at: CornersAt, stamp: int) -> np.ndarray:
@@ -122,15 +122,15 @@ class CameraEffects:
 
     def _project(self, corners_at: CornersAt, times: np.ndarray) -> np.ndarray:
         """Pixels (8, 2) of the corners, each at its own time (8,) s."""
-        own = corners_at(times)[np.arange(COUNT), np.arange(COUNT)]
-        return self.lens(self.camera.project(own)[0])
+        corners = corners_at(times)[np.arange(COUNT), np.arange(COUNT)]
+        return self.lens(self.camera.project(corners)[0])
 
     def _disturb(self, stamp: int) -> np.ndarray:
         total = np.zeros((COUNT, 2))
-        for effect, given in self._effects:
+        for effect, values in self._effects:
             if effect.move_keypoints:
                 last = self._left.get(effect.id, np.zeros((COUNT, 2)))
-                moved = effect.move_keypoints(Disturbance(given, self._rng(effect.id, stamp), last))
+                moved = effect.move_keypoints(Disturbance(values, self._rng(effect.id, stamp), last))
                 if effect.has_memory:
                     self._left[effect.id] = moved
                 total += moved

@@ -103,9 +103,9 @@ class DelayLine:
 def _interpolate_past(past: Sequence[np.ndarray], periods: np.ndarray) -> np.ndarray:
     xp = namespace(periods)
     take = xp.take_along_axis if xp is np else xp.take_along_dim
-    rows, last, whole = xp.stack(list(past)), len(past) - 1, xp.floor(periods)
-    share = periods - whole
-    newer, older = (take(rows, xp.asarray((last - whole - k).clip(0), dtype=xp.int64)[None], 0)[0] for k in (0, 1))
+    rows, last, integer = xp.stack(list(past)), len(past) - 1, xp.floor(periods)
+    share = periods - integer
+    newer, older = (take(rows, xp.asarray((last - integer - k).clip(0), dtype=xp.int64)[None], 0)[0] for k in (0, 1))
     return (1 - share) * newer + share * older
 
 

@@ -46,8 +46,8 @@ class DriveLimit:
         drive = context.drive.only(later)
         for j in range(len(context.arm)):
             tried = self._candidate_levels(context, j, later)
-            apart = excludes_gravity(drive, j, self.limit_torque, tried)
-            found += [self.regressor(level, j, apart) for level in tried[apart]]
+            gravity_apart = excludes_gravity(drive, j, self.limit_torque, tried)
+            found += [self.regressor(level, j, gravity_apart) for level in tried[gravity_apart]]
         return found
 
     def reference_regressors(self, context: Context) -> list[EffectRegressor]:
@@ -62,21 +62,21 @@ class DriveLimit:
         return found
 
     def _candidate_levels(self, context: Context, joint: int, rows: np.ndarray) -> dict[bool, list[float]]:
-        return {apart: self.levels(context, joint, apart, rows) for apart in (False, True)}
+        return {gravity_apart: self.levels(context, joint, gravity_apart, rows) for gravity_apart in (False, True)}
 
 
-def limit_column(d: Drive, joint: int, limit_torque: LimitFunction, limit: float, apart: bool) -> np.ndarray:
+def limit_column(d: Drive, joint: int, limit_torque: LimitFunction, limit: float, gravity_apart: bool) -> np.ndarray:
     """Change (n,) Nm of a joint's torque by a limit."""
-    held = 0.0 if apart else d.gravity[:, joint]
-    whole = d.arrived[:, joint] + held
-    return limit_torque(d, whole, limit, d.measured[:, joint] + held) - whole
+    gravity = 0.0 if gravity_apart else d.gravity[:, joint]
+    total = d.arrived[:, joint] + gravity
+    return limit_torque(d, total, limit, d.measured[:, joint] + gravity) - total
 
 
-def candidate_levels(asked: np.ndarray, given: np.ndarray) -> list[float]:
+def candidate_levels(commanded: np.ndarray, measured: np.ndarray) -> list[float]:
     """Limits to try: shares of the largest that was asked for (n,), and about the largest that was given (m,) again and again.
     A loop around a low limit swings, and asks for many times what it is given."""
-    often = float(np.percentile(np.abs(given), OFTEN))
-    return [*(level * float(np.abs(asked).max()) for level in LEVELS), *(share * often for share in REACHED)]
+    often = float(np.percentile(np.abs(measured), OFTEN))
+    return [*(level * float(np.abs(commanded).max()) for level in LEVELS), *(share * often for share in REACHED)]
 
 
 def excludes_gravity(d: Drive, joint: int, limit_torque: LimitFunction, levels: dict[bool, Sequence[float]]) -> bool:
@@ -88,7 +88,7 @@ def excludes_gravity(d: Drive, joint: int, limit_torque: LimitFunction, levels: 
     best = _best_levels(left, levels)
     if min(best.values())[0] > (1 - ACTS) * left(np.inf, False):
         return False  # nothing is limited
-    best = {apart: _refine_limit(left, found, apart, STEPS) for apart, found in best.items()}
+    best = {gravity_apart: _refine_limit(left, found, gravity_apart, STEPS) for gravity_apart, found in best.items()}
     return best[True] < best[False]
 
 
@@ -104,12 +104,14 @@ def find_reference_limit(
     best = _best_levels(left, levels)
     if min(best.values())[0] >= left(np.inf, False):
         return None  # a limit above the one that is there would say a part of it
-    (_, limit), apart = min((_refine_limit(left, found, apart, FINE), apart) for apart, found in best.items())
-    column = limit_column(d, joint, limit_torque, limit, apart)
+    (_, limit), gravity_apart = min(
+        (_refine_limit(left, found, gravity_apart, FINE), gravity_apart) for gravity_apart, found in best.items()
+    )
+    column = limit_column(d, joint, limit_torque, limit, gravity_apart)
     acts = column != 0
     residual = (d.measured - d.arrived)[acts, joint]
     is_there = np.square(residual - column[acts]).sum() < ALWAYS * np.square(residual).sum()
-    return (limit, apart) if is_there else None
+    return (limit, gravity_apart) if is_there else None
 
 
 SquaresLeft = Callable[[float, bool], float]
@@ -119,8 +121,8 @@ SquaresLeft = Callable[[float, bool], float]
 def _make_squares_left(d: Drive, joint: int, limit_torque: LimitFunction) -> SquaresLeft:
     residual = d.measured[:, joint] - d.arrived[:, joint]
 
-    def left(limit: float, apart: bool) -> float:
-        change = 0.0 if np.isinf(limit) else limit_column(d, joint, limit_torque, limit, apart)
+    def left(limit: float, gravity_apart: bool) -> float:
+        change = 0.0 if np.isinf(limit) else limit_column(d, joint, limit_torque, limit, gravity_apart)
         return float(np.square(residual - change).sum())
 
     return left
@@ -128,13 +130,16 @@ def _make_squares_left(d: Drive, joint: int, limit_torque: LimitFunction) -> Squ
 
 def _best_levels(left: SquaresLeft, levels: dict[bool, Sequence[float]]) -> dict[bool, tuple[float, float]]:
     """(squares, limit) of the best of some limits, by reading."""
-    return {apart: min((left(level, apart), level) for level in levels[apart]) for apart in (False, True)}
+    return {
+        gravity_apart: min((left(level, gravity_apart), level) for level in levels[gravity_apart])
+        for gravity_apart in (False, True)
+    }
 
 
 def _refine_limit(
-    left: SquaresLeft, found: tuple[float, float], apart: bool, steps: Sequence[float]
+    left: SquaresLeft, found: tuple[float, float], gravity_apart: bool, steps: Sequence[float]
 ) -> tuple[float, float]:
     """(squares, limit) of the best limit about one that was found, looked for in smaller and smaller steps."""
     for step in steps:
-        found = min([found, *((left(found[1] * x, apart), found[1] * x) for x in (1 - step, 1 + step))])
+        found = min([found, *((left(found[1] * x, gravity_apart), found[1] * x) for x in (1 - step, 1 + step))])
     return found

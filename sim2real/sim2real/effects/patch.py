@@ -102,10 +102,10 @@ class Patch:
 
     def clipped_parameters(self, nominal: PandaModel = NOMINAL) -> list[str]:
         """Where the patch asks for less than is physical: a line for each, with effects, joint, and what is in force."""
-        asked, given = self._requested(nominal), self.panda(nominal)
+        requested, effective = self._requested(nominal), self.panda(nominal)
         lines = []
         for name, unit in (("frictionloss", "Nm"), ("damping", "Nm s/rad"), ("armature", "kg m^2")):
-            wanted, has = getattr(asked, name), getattr(given, name)
+            wanted, has = getattr(requested, name), getattr(effective, name)
             for j in np.flatnonzero(wanted < has):
                 joint = nominal.joints[j]
                 causes = [

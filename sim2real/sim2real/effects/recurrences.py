@@ -44,8 +44,8 @@ def play_operator(middle: np.ndarray, reach: float) -> np.ndarray:
 
 def first_order_lag(d: Drive, values: np.ndarray, lag: float) -> np.ndarray:
     """values (n,) through a first-order lag of `lag` s, from rest at the beginning of each stretch."""
-    kept = np.exp(-d.period / lag)
-    decay, inflow = np.full(len(values), kept), (1 - kept) * values
+    factor = np.exp(-d.period / lag)
+    decay, inflow = np.full(len(values), factor), (1 - factor) * values
     decay[d.starts], inflow[d.starts] = 0.0, values[d.starts]
     return linear_recurrence(decay, inflow)
 

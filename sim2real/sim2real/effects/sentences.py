@@ -39,8 +39,8 @@ class ValueWithInterval:
         value, (low, high) = scale * self.value, sorted((scale * self.low, scale * self.high))
         digits = _decimal_places(high - low, value)
         # Adding 0.0 turns -0.0 into 0.0.
-        said, lowest, highest = (f"{round(number, digits) + 0.0:.{digits}f}" for number in (value, low, high))
-        return f"{said} {unit} ({lowest} to {highest}){word}".replace("_", " ")
+        shown, lowest, highest = (f"{round(number, digits) + 0.0:.{digits}f}" for number in (value, low, high))
+        return f"{shown} {unit} ({lowest} to {highest}){word}".replace("_", " ")
 
 
 def describe_effect(effect: Effect, component: str, values: Mapping[str, ValueWithInterval], nominal: str) -> str:

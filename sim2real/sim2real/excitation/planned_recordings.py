@@ -37,16 +37,16 @@ def plan_log(segment: Segment, arm: Arm, like: Log) -> Log:
     time = np.arange(0.0, segment.duration, PERIOD)
     q, dq, rate = _follow_segment(segment, time)
     rigid_part = _rigid_body_torque(arm, segment, time)
-    asked = rigid_part + smooth_sign(dq) * arm.frictionloss + dq * arm.damping
-    measured = np.vstack([asked[:1], asked[:-1]])  # that of the period before the stamp
+    commanded = rigid_part + smooth_sign(dq) * arm.frictionloss + dq * arm.damping
+    measured = np.vstack([commanded[:1], commanded[:-1]])  # that of the period before the stamp
     if like.with_gravity:
         measured = measured + rigid.gravity_torque(arm, q)
     commands = None
     if like.commands is not None:
         kp = np.tile(segment.gains[0], (len(time), 1))
         kd = damping(kp, segment.gains[1])
-        target = q + (asked - rigid_part + kd * dq) / kp - kd / kp * dq
-        commands = Commands(np.arange(len(time)), target, dq, asked, time + PERIOD / 2, kp, kd)
+        target = q + (commanded - rigid_part + kd * dq) / kp - kd / kp * dq
+        commands = Commands(np.arange(len(time)), target, dq, commanded, time + PERIOD / 2, kp, kd)
     motor = None if like.motor is None else q.copy()
     return Log(segment.name, time, q, dq, measured, time - PERIOD / 2, like.with_gravity, commands, motor)
 

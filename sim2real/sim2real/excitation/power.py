@@ -95,20 +95,19 @@ def predict_powers(
     cells = [c for c in design.cells if c.joint in open_question.joints]
     planned = plan_cells(design, names, here, open_question.joints)
     nuisance = np.concatenate([design.nuisances[j] for j in open_question.joints])
-    believed = [_Belief.of(design, cells, nuisance, [m for m in s.members if m in here]) for s in models]
-    ids = np.unique(np.concatenate([b.ids for b in believed]))
+    beliefs = [_Belief.of(design, cells, nuisance, [m for m in s.members if m in here]) for s in models]
+    ids = np.unique(np.concatenate([b.ids for b in beliefs]))
     duration = [make_experiment(name).duration for name in names]
     table = []
-    for rival, other in zip(models[1:], believed[1:]):
+    for rival, other in zip(models[1:], beliefs[1:]):
         lead = float(np.clip(models[0].total - rival.total, -POWER.known, POWER.known))
         log_odds = search.value(rival) - search.value(models[0])
         probability = 1 / (1 + np.exp(np.clip(log_odds, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS)))
         row = []
         for number, name in enumerate(names):
-            normal = _normal_matrix(cells, planned, believed[0].variance, ids, number)
+            normal = _normal_matrix(cells, planned, beliefs[0].variance, ids, number)
             one, two = (
-                _draw_log_bayes_factors(normal, ids, *pair, seed)
-                for pair in ((believed[0], other), (other, believed[0]))
+                _draw_log_bayes_factors(normal, ids, *pair, seed) for pair in ((beliefs[0], other), (other, beliefs[0]))
             )
             found, missed = np.mean(lead + one > POWER.decisive), np.mean(two - lead > POWER.decisive)
             right = probability * found + (1 - probability) * missed
@@ -219,7 +218,7 @@ class _Belief:
         cls, design: RegressionProblem, cells: Sequence[ResidualCell], nuisance: np.ndarray, members: Sequence[int]
     ) -> _Belief:
         ids = np.concatenate([nuisance, *(design.candidates[m].ids for m in members)])
-        whole = fit_parameters(
+        fit = fit_parameters(
             cells,
             [c.test.sum(axis=0)[None] for c in cells],
             [c.test_rows.sum()[None] for c in cells],
@@ -228,9 +227,9 @@ class _Belief:
         )
         return cls(
             ids,
-            whole.parameters[0],
-            whole.covariance[0],
-            {(c.name, c.joint): float(v[0]) for c, v in zip(cells, whole.variance)},
+            fit.parameters[0],
+            fit.covariance[0],
+            {(c.name, c.joint): float(v[0]) for c, v in zip(cells, fit.variance)},
         )
 
 

@@ -15,13 +15,13 @@ def render(report: dict, diagnosis: Diagnosis, folder: Path = Path("runs/report"
     """The page as text, with its pictures in it. folder: where the report is written."""
     findings = diagnosis.findings if report["verdict"] != "no_gap" else ()
     added = [f for f in findings if f.is_chosen]
-    said = {(name, f.component) for f in added for name in f.generalised_by}  # by the number beside what is added
+    listed = {(name, f.component) for f in added for name in f.generalised_by}  # by the number beside what is added
     return page(
         "sim2real",
         report=report,
         blocks=len(diagnosis.design.blocks),
         added=added,
-        leads=[f for f in findings if not f.is_chosen and (f.effect.id, f.component) not in said],
+        leads=[f for f in findings if not f.is_chosen and (f.effect.id, f.component) not in listed],
         regimes=REGIMES,
         steps=suggest_next_steps(diagnosis, folder),
         gap_plot=plots.gap_plot(diagnosis),

@@ -86,10 +86,10 @@ def cut_windows(
         c = log.commands
         if c is None or log.position.shape[1] != len(JOINT_NAMES):
             continue
-        own = float(np.median(np.diff(log.time)))
-        if period is not None and abs(own - period) > SHOT.period_tolerance * period:
+        log_period = float(np.median(np.diff(log.time)))
+        if period is not None and abs(log_period - period) > SHOT.period_tolerance * period:
             continue
-        period = own
+        period = log_period
         lead = c.target + c.damping / c.stiffness * c.target_velocity
         q, dq = log.position[c.rows], log.velocity[c.rows]
         fed = c.torque - c.stiffness * (lead - q) + c.damping * dq
@@ -151,10 +151,10 @@ def simulate_departures(recorded: ShootingWindows, patches: Sequence[Patch]) -> 
     compared, found = set(recorded.sampled.tolist()), []
     for k in range(recorded.warm, true.shape[1]):
         q, dq = batch.qpos, batch.qvel
-        seen, seen_speed, _ = effects.sense(q, dq, np.zeros_like(q))
+        measured, seen_speed, _ = effects.sense(q, dq, np.zeros_like(q))
         if k in compared:
-            found.append(seen - w["position"][:, k])
-        torque = w["stiffness"][:, k] * (w["lead"][:, k] - seen) - w["damping"][:, k] * seen_speed + w["fed"][:, k]
+            found.append(measured - w["position"][:, k])
+        torque = w["stiffness"][:, k] * (w["lead"][:, k] - measured) - w["damping"][:, k] * seen_speed + w["fed"][:, k]
         batch.ctrl[:] = effects.drive(torque, q)
         batch.qfrc_applied[:] = effects.extra(q, dq)
         batch.step()

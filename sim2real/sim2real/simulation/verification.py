@@ -30,9 +30,9 @@ def verify_patch(logs: Sequence[Log], patch: Patch, seed: int = 0) -> dict[str, 
     old, new = simulate_departures(recorded, [Patch(), patch])
     squares = np.array([np.square(errors).mean(axis=(1, 2)) for errors in (old, new)])  # of each window
     rng = np.random.default_rng(seed)
-    drawn = rng.multinomial(len(recorded), np.full(len(recorded), 1 / len(recorded)), DRAWS)
+    draws = rng.multinomial(len(recorded), np.full(len(recorded), 1 / len(recorded)), DRAWS)
     before, after = np.sqrt(squares.mean(axis=1))
-    low, high = np.quantile(1 - np.sqrt((drawn @ squares[1]) / np.maximum(drawn @ squares[0], 1e-24)), (0.025, 0.975))
+    low, high = np.quantile(1 - np.sqrt((draws @ squares[1]) / np.maximum(draws @ squares[0], 1e-24)), (0.025, 0.975))
     by_joint = zip(JOINT_NAMES, rms(old), rms(new))
     return {
         "verdict": "better" if low > 0 else "worse" if high < 0 else "same",

@@ -19,11 +19,11 @@ STEP_KNOWN = 2e-5  # s, to which a delay is known where commands are held for a 
 
 def delay_commands(d: evidence.Drive, values: np.ndarray, delay: float) -> np.ndarray:
     """values (n,) as they were `delay` s before; the first of each stretch before that."""
-    whole, share = divmod(delay / d.period, 1.0)
+    periods, share = divmod(delay / d.period, 1.0)
     ends, late = [*d.starts[1:], len(values)], np.empty_like(values)
     for start, end in zip(d.starts, ends):
         part = values[start:end]
-        padded = np.concatenate([np.full(int(whole) + 1, part[0]), part])[: len(part) + 1]
+        padded = np.concatenate([np.full(int(periods) + 1, part[0]), part])[: len(part) + 1]
         late[start:end] = (1 - share) * padded[1:] + share * padded[:-1]
     return late
 

@@ -34,9 +34,9 @@ class LostPackets:
 
     def share(self, rows: np.ndarray) -> tuple[float, float]:
         """(share of some periods (n,) bool in which the command was held, its standard error: losses come by chance)."""
-        seen = rows & self.distinguishable
-        if seen.sum() > 100:
-            found, count = _estimate_share(self.excess[seen]), seen.sum()
+        counted = rows & self.distinguishable
+        if counted.sum() > 100:
+            found, count = _estimate_share(self.excess[counted]), counted.sum()
         else:
             found, count = float(self.held[rows].mean()) if rows.any() else 0.0, rows.sum()
         return found, float(np.sqrt(found * (1.0 - found) / max(count, 1)))
@@ -73,8 +73,8 @@ def find_lost_packets(d: evidence.Drive) -> LostPackets:
             if begins[i] and i > first:
                 break
             # What is late after a lost command is the one before it: as if half lost itself, where that is forgotten.
-            come = (1.0 - late) * command[i] + late * last
-            excess[i] = 0.5 * (np.square(shown[i] - come).sum() - np.square(shown[i] - last).sum())
+            arrives = (1.0 - late) * command[i] + late * last
+            excess[i] = 0.5 * (np.square(shown[i] - arrives).sum() - np.square(shown[i] - last).sum())
             if excess[i] <= SURE:
                 break
             held[i] = True

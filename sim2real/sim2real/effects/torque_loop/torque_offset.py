@@ -17,11 +17,11 @@ SOURCE = "Gaz et al., RA-L 2019"
 
 def _regressors(context: Context) -> list[EffectRegressor]:
     offset = (Parameter("offset", "Nm", -MOST, MOST, 0.5),)
-    unseen = {Stage.DYNAMICS: lambda c, j: -np.ones((len(c.samples), 1))}
-    found = [EffectRegressor("torque_offset", offset, unseen, SOURCE, "unseen by the sensor")]
+    hidden = {Stage.DYNAMICS: lambda c, j: -np.ones((len(c.samples), 1))}
+    found = [EffectRegressor("torque_offset", offset, hidden, SOURCE, "unseen by the sensor")]
     if context.drive is not None:
-        seen = {Stage.DRIVE: lambda c, j: np.ones((len(c.drive.time), 1))}
-        found.append(EffectRegressor("torque_offset", offset, seen, SOURCE))
+        measured = {Stage.DRIVE: lambda c, j: np.ones((len(c.drive.time), 1))}
+        found.append(EffectRegressor("torque_offset", offset, measured, SOURCE))
     return found
 
 

@@ -22,13 +22,13 @@ LIMIT = Quantity("limit", "Nm/s", 0.0, 1e5)
 RAMP_KNOWN = 0.02  # of a rate: within a period a drive may ramp, or step at its end
 
 
-def limit_rate(d: evidence.Drive, values: np.ndarray, rate: float, given: np.ndarray | None = None) -> np.ndarray:
+def limit_rate(d: evidence.Drive, values: np.ndarray, rate: float, measured: np.ndarray | None = None) -> np.ndarray:
     """values (n,) followed at no more than `rate` a second, anew in each stretch: from what was given (n,) at its beginning,
     where that is further away than a period's step (a drive that was behind when the recording began), else from the values."""
     step, limited = rate * d.period, values.copy()
-    if given is not None:
-        behind = d.starts[np.abs(given[d.starts] - values[d.starts]) > step]
-        limited[behind] = given[behind]
+    if measured is not None:
+        behind = d.starts[np.abs(measured[d.starts] - values[d.starts]) > step]
+        limited[behind] = measured[behind]
     jumps = np.abs(np.diff(limited, prepend=limited[:1])) > step
     jumps[d.starts] = False
     ends = np.append(d.starts[1:], len(values))
@@ -48,9 +48,9 @@ def limit_rate(d: evidence.Drive, values: np.ndarray, rate: float, given: np.nda
     return limited
 
 
-def ramp_torque(d: evidence.Drive, values: np.ndarray, rate: float, given: np.ndarray | None = None) -> np.ndarray:
+def ramp_torque(d: evidence.Drive, values: np.ndarray, rate: float, measured: np.ndarray | None = None) -> np.ndarray:
     """Mean over each period (n,) of what follows values (n,) at no more than `rate` a second, as `limit_rate`."""
-    ends = limit_rate(d, values, rate, given)
+    ends = limit_rate(d, values, rate, measured)
     rise = np.diff(ends, prepend=ends[:1])
     rise[d.starts] = 0.0
     return ends - _ramp_deficit(rise, rate * d.period)
@@ -61,29 +61,35 @@ def _ramp_deficit(rise: np.ndarray, step: np.ndarray | float) -> np.ndarray:
     return 0.5 * rise * abs(rise) / step
 
 
-def _regressor(limit: float, joint: int, apart: bool) -> EffectRegressor:
+def _regressor(limit: float, joint: int, gravity_apart: bool) -> EffectRegressor:
     return EffectRegressor(
         "torque_rate_limit",
         (WHOLE,),
-        {Stage.DRIVE: lambda c, j: stack(limit_column(c.drive, j, ramp_torque, limit, apart))},
+        {Stage.DRIVE: lambda c, j: stack(limit_column(c.drive, j, ramp_torque, limit, gravity_apart))},
         "largest rate of the drive",
-        f"{limit:.3g} Nm/s{', gravity apart' if apart else ''}",
+        f"{limit:.3g} Nm/s{', gravity apart' if gravity_apart else ''}",
         NonlinearParameter(
-            "limit", "Nm/s", limit, partial(_regressor, joint=joint, apart=apart), background=RAMP_KNOWN * limit
+            "limit",
+            "Nm/s",
+            limit,
+            partial(_regressor, joint=joint, gravity_apart=gravity_apart),
+            background=RAMP_KNOWN * limit,
         ),
         only_joint=joint,
-        constants={GRAVITY_APART.name: 1.0} if apart else {},
+        constants={GRAVITY_APART.name: 1.0} if gravity_apart else {},
     )
 
 
-def _levels(context: Context, joint: int, apart: bool, rows: np.ndarray) -> list[float]:
+def _levels(context: Context, joint: int, gravity_apart: bool, rows: np.ndarray) -> list[float]:
     """Limits Nm/s to try for rows (n,) bool of the drive."""
     d = context.drive
-    held = 0.0 if apart else d.gravity[:, joint]
+    gravity = 0.0 if gravity_apart else d.gravity[:, joint]
     within = np.ones(len(d.time), bool)
     within[d.starts] = False
-    asked, given = (np.diff(torque[:, joint] + held, prepend=0.0) / d.period for torque in (d.arrived, d.measured))
-    return candidate_levels(asked[within], given[within & rows])
+    commanded, measured = (
+        np.diff(torque[:, joint] + gravity, prepend=0.0) / d.period for torque in (d.arrived, d.measured)
+    )
+    return candidate_levels(commanded[within], measured[within & rows])
 
 
 def _limit_rate(values: HookContext) -> DriveFunction:

@@ -18,29 +18,29 @@ from sim2real.effects.stage import Stage
 LIMIT = Quantity("limit", "Nm", 0.0, 200.0)
 
 
-def saturate(d: Drive, values: np.ndarray, limit: float, given: np.ndarray | None = None) -> np.ndarray:
+def saturate(d: Drive, values: np.ndarray, limit: float, measured: np.ndarray | None = None) -> np.ndarray:
     """values (n,) Nm within a limit Nm. It has no memory: what was given says nothing more."""
     return np.clip(values, -limit, limit)
 
 
-def _regressor(limit: float, joint: int, apart: bool) -> EffectRegressor:
+def _regressor(limit: float, joint: int, gravity_apart: bool) -> EffectRegressor:
     return EffectRegressor(
         "torque_saturation",
         (WHOLE,),
-        {Stage.DRIVE: lambda c, j: stack(limit_column(c.drive, j, saturate, limit, apart))},
+        {Stage.DRIVE: lambda c, j: stack(limit_column(c.drive, j, saturate, limit, gravity_apart))},
         "largest torque of the drive",
-        f"{limit:.3g} Nm{', gravity apart' if apart else ''}",
-        NonlinearParameter("limit", "Nm", limit, partial(_regressor, joint=joint, apart=apart)),
+        f"{limit:.3g} Nm{', gravity apart' if gravity_apart else ''}",
+        NonlinearParameter("limit", "Nm", limit, partial(_regressor, joint=joint, gravity_apart=gravity_apart)),
         only_joint=joint,
-        constants={GRAVITY_APART.name: 1.0} if apart else {},
+        constants={GRAVITY_APART.name: 1.0} if gravity_apart else {},
     )
 
 
-def _levels(context: Context, joint: int, apart: bool, rows: np.ndarray) -> list[float]:
+def _levels(context: Context, joint: int, gravity_apart: bool, rows: np.ndarray) -> list[float]:
     """Limits Nm to try for rows (n,) bool of the drive."""
     d = context.drive
-    held = 0.0 if apart else d.gravity[:, joint]
-    return candidate_levels(d.commanded[:, joint] + held, (d.measured[:, joint] + held)[rows])
+    gravity = 0.0 if gravity_apart else d.gravity[:, joint]
+    return candidate_levels(d.commanded[:, joint] + gravity, (d.measured[:, joint] + gravity)[rows])
 
 
 def _saturate(values: HookContext) -> hooks.DriveFunction:

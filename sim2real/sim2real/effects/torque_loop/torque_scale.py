@@ -19,13 +19,13 @@ def _regressors(context: Context) -> list[EffectRegressor]:
     if context.constant is not None:
         return []  # nobody can tell a wrong scale from an unknown one
     scale = (Parameter("scale", "1", -MOST, MOST, 0.03, least=KNOWN),)
-    unseen = {Stage.DYNAMICS: lambda c, j: stack(-c.prediction.load[:, j])}
-    found = [EffectRegressor("torque_scale", scale, unseen, SOURCE, "unseen by the sensor", model=WEIGHT_KNOWN)]
+    hidden = {Stage.DYNAMICS: lambda c, j: stack(-c.prediction.load[:, j])}
+    found = [EffectRegressor("torque_scale", scale, hidden, SOURCE, "unseen by the sensor", model=WEIGHT_KNOWN)]
     if context.drive is not None:
-        whole = {Stage.DRIVE: lambda c, j: stack(c.drive.commanded[:, j] + c.drive.gravity[:, j])}
-        apart = {Stage.DRIVE: lambda c, j: stack(c.drive.commanded[:, j])}
-        found.append(EffectRegressor("torque_scale", scale, whole, SOURCE, model=WEIGHT_KNOWN))
-        found.append(EffectRegressor("torque_scale", scale, apart, SOURCE, "gravity apart"))
+        total = {Stage.DRIVE: lambda c, j: stack(c.drive.commanded[:, j] + c.drive.gravity[:, j])}
+        command_only = {Stage.DRIVE: lambda c, j: stack(c.drive.commanded[:, j])}
+        found.append(EffectRegressor("torque_scale", scale, total, SOURCE, model=WEIGHT_KNOWN))
+        found.append(EffectRegressor("torque_scale", scale, command_only, SOURCE, "gravity apart"))
     return found
 
 

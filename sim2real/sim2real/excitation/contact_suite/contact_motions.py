@@ -86,12 +86,12 @@ def drag(name: str, resting: RestingObject, workspace: Workspace, top: float, fo
     down = high - [0, 0, high[2] - top]
     at = make_segment(name, high, [Leg(down, FAST)], 0.0).positions[-1]
     level = top - press_depth(at, force) if force else top + 0.01
-    heading = next((way for way in HEADINGS if workspace.allows(resting, STROKE * way)), None)
+    heading = next((direction for direction in HEADINGS if workspace.allows(resting, STROKE * direction)), None)
     if heading is None:
         raise OutOfReach(f"{name}: no room to drag the object in")
     legs = []
-    for begin, way in ((-BEHIND * heading, heading), ((STROKE + BEHIND) * heading, -heading)):
-        first, last = middle + begin, middle + begin + STROKE * way
+    for begin, direction in ((-BEHIND * heading, heading), ((STROKE + BEHIND) * heading, -heading)):
+        first, last = middle + begin, middle + begin + STROKE * direction
         legs += [
             Leg(np.array([*first, top + BEFORE]), FAST),
             Leg(np.array([*first, level]), SLOW_TOUCH, rest=0.2),
@@ -110,12 +110,12 @@ def sway(name: str, resting: RestingObject, workspace: Workspace, top: float) ->
     middle = resting.centre[:2]
     high = np.array([*middle, max(top, workspace.clearance) + CLEAR])
     at = make_segment(name, high, [Leg(np.array([*middle, top]), FAST)], 0.0).positions[-1]
-    for way in HEADINGS[::2]:
-        if workspace.allows(resting, SWAY * way) and workspace.allows(resting, -SWAY * way):
+    for direction in HEADINGS[::2]:
+        if workspace.allows(resting, SWAY * direction) and workspace.allows(resting, -SWAY * direction):
             legs = [
                 Leg(np.array([*middle, top + BEFORE]), FAST),
                 Leg(np.array([*middle, top - press_depth(at, SWAY_FORCE)]), SLOW_TOUCH, rest=0.3),
-                Oscillation(SWAY * np.array([*way, 0.0]), *SWAYS, rest=0.6),
+                Oscillation(SWAY * np.array([*direction, 0.0]), *SWAYS, rest=0.6),
                 Leg(high, FAST),
             ]
             return make_segment(name, high, legs, 0.0)

@@ -60,14 +60,16 @@ class SuiteMonitor:
         too few corners are seen, ValueError where no pose explains them."""
         rows = np.array([keypoints for _, keypoints in self._images])
         good = np.array([usable_keypoints(keypoints, SCORE) for keypoints in rows])
-        kept = good.mean(axis=0) > 0.5
-        if kept.sum() < MIN_POINTS:
-            raise OutOfPicture(f"{kept.sum()} of 8 corners are seen; {MIN_POINTS} are needed")
+        visible = good.mean(axis=0) > 0.5
+        if visible.sum() < MIN_POINTS:
+            raise OutOfPicture(f"{visible.sum()} of 8 corners are seen; {MIN_POINTS} are needed")
         masked = np.where(good[..., None], rows[..., :2], np.nan)
-        corners = np.zeros((len(kept), 2))
-        corners[kept] = np.nanmedian(masked[:, kept], axis=0)
+        corners = np.zeros((len(visible), 2))
+        corners[visible] = np.nanmedian(masked[:, visible], axis=0)
         try:
-            pose = estimate_pose(np.column_stack([corners, kept.astype(float)]), self._domain, camera=self._camera).pose
+            pose = estimate_pose(
+                np.column_stack([corners, visible.astype(float)]), self._domain, camera=self._camera
+            ).pose
         except PoseError as error:
             raise ValueError(str(error)) from error
         state, self._lowest = SuiteState(q, pose, self._lowest), None

@@ -46,8 +46,8 @@ def leading_yaw(direction: np.ndarray) -> float:
     An edge touches a face in one line whatever the face's angle is, up to 30 degrees.
     """
     ahead = np.arctan2(direction[1], direction[0])
-    own = CORNERS @ upright_rotation(0.0).T
-    turns = np.angle(np.exp(1j * (ahead - np.arctan2(own[:, 1], own[:, 0]))))
+    corners = CORNERS @ upright_rotation(0.0).T
+    turns = np.angle(np.exp(1j * (ahead - np.arctan2(corners[:, 1], corners[:, 0]))))
     return float(turns[np.argmin(np.abs(turns))])
 
 

@@ -131,8 +131,10 @@ def _leg_points(start: np.ndarray, leg: Leg) -> np.ndarray:
     count = int(np.ceil(duration * RATE))
     fine = np.linspace(0.0, duration, 20 * count + 1)
     pace = np.minimum(least_jerk(fine / leg.ramp)[0], least_jerk((duration - fine) / leg.stop)[0])
-    way = np.concatenate([[0.0], np.cumsum(np.diff(fine) * (pace[1:] + pace[:-1]) / 2)])
-    share = np.interp(np.linspace(0.0, duration, count + 1)[1:], fine, way / way[-1]) if count else np.zeros(0)
+    distance = np.concatenate([[0.0], np.cumsum(np.diff(fine) * (pace[1:] + pace[:-1]) / 2)])
+    share = (
+        np.interp(np.linspace(0.0, duration, count + 1)[1:], fine, distance / distance[-1]) if count else np.zeros(0)
+    )
     rest = np.ones(round(leg.rest * RATE))
     return start + np.concatenate([share, rest])[:, None] * (leg.end - start)
 

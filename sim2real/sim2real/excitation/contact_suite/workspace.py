@@ -87,10 +87,10 @@ class Workspace:
         (left, right), (low, high) = self.domain.workspace_x, self.domain.workspace_y
         inside = (corners[:, 0] > left) & (corners[:, 0] < right) & (corners[:, 1] > low) & (corners[:, 1] < high)
         pixels, _ = self.camera.project(corners)
-        seen = (pixels > EDGE) & (pixels < np.array([self.camera.width, self.camera.height]) - 1 - EDGE)
+        visible = (pixels > EDGE) & (pixels < np.array([self.camera.width, self.camera.height]) - 1 - EDGE)
         return bool(
             inside.all()
-            and seen.all(axis=1).sum() >= SEEN
+            and visible.all(axis=1).sum() >= SEEN
             and all(_is_clear_of(corners[:, :2], box) for box in self.domain.obstacles)
         )
 
@@ -108,13 +108,13 @@ class Workspace:
         return found
 
     def _is_bare(self, place: np.ndarray, resting: RestingObject) -> bool:
-        apart = BESIDE + RADIUS
-        if np.linalg.norm(place - resting.centre[:2]) < resting.reach + apart or not is_reachable(place):
+        margin = BESIDE + RADIUS
+        if np.linalg.norm(place - resting.centre[:2]) < resting.reach + margin or not is_reachable(place):
             return False
         if resting.height > GRIP and not self._clears_housing(place, resting):
             return False
         return all(
-            (np.abs(place - box.centre[:2]) > np.array(box.half_size[:2]) + apart).any()
+            (np.abs(place - box.centre[:2]) > np.array(box.half_size[:2]) + margin).any()
             for box in self.domain.obstacles
         )
 
@@ -136,5 +136,5 @@ def _is_clear_of(corners: np.ndarray, box) -> bool:
         np.array(box.centre[:2]) - box.half_size[:2] - CLEAR,
         np.array(box.centre[:2]) + box.half_size[:2] + CLEAR,
     )
-    least, most = corners.min(axis=0), corners.max(axis=0)
-    return bool((most < low).any() or (least > high).any())
+    lowest, highest = corners.min(axis=0), corners.max(axis=0)
+    return bool((highest < low).any() or (lowest > high).any())
