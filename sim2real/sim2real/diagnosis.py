@@ -122,7 +122,7 @@ def explain_gap(
     """
     tell("search for effects")
     arm = arm or panda()
-    laid_aside = () if quick else lay_aside([*reference, *logs])
+    laid_aside = () if quick else lay_aside([*reference, *logs], len(reference))
     known, constant = refine_torque_constants(list(reference or logs), arm)
     if reference:  # constants of motors are the same in both
         known += [log if log.per_ampere is None else current_to_torque(log, known[0].per_ampere) for log in logs]

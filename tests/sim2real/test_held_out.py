@@ -43,7 +43,10 @@ def test_windows_lie_apart_inside_their_recordings_and_take_a_fifth(durations):
 
 
 def test_of_a_short_recording_nothing_is_laid_aside():
-    assert lay_aside([SimpleNamespace(duration=24.0)]) == ()
+    short, long = SimpleNamespace(duration=24.0), SimpleNamespace(duration=60.0)
+    assert lay_aside([short]) == () and lay_aside([short, short])
+    assert lay_aside([short, long], reference=1) == lay_aside([long, short], reference=1) == ()
+    assert {log for log, _, _ in lay_aside([long, long], reference=1)} == {0, 1}
 
 
 def test_nothing_is_fitted_to_what_is_laid_aside(search):

@@ -60,9 +60,13 @@ class HeldOut:
     """Of each effect that was chosen, by the number of its candidate, those that were dropped included."""
 
 
-def lay_aside(logs: Sequence[Log]) -> tuple[tuple[int, float, float], ...]:
-    """Windows (number of the log, begin s, end s), evenly spread over each log; none where all are too short together."""
-    if sum(log.duration for log in logs) < HELD_OUT.shortest:
+def lay_aside(logs: Sequence[Log], reference: int = 0) -> tuple[tuple[int, float, float], ...]:
+    """Windows (number of the log, begin s, end s), evenly spread over each log.
+
+    None where all logs are too short together, or the `reference` first ones, or the others.
+    """
+    parts = (logs[:reference], logs[reference:])
+    if any(part and sum(log.duration for log in part) < HELD_OUT.shortest for part in parts):
         return ()
     return tuple(
         (number, float(begin), float(begin + HELD_OUT.window))
