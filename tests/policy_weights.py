@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_policy import hand_pose
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.networks import PostContactNetwork, PreContactNetwork
@@ -14,7 +14,7 @@ from np_policy.weights import save
 
 def write_policies(
     folder: Path,
-    domain: Domain,
+    domain: Task,
     *,
     position=(0.5, 0.0, 0.06),
     opening: float = 0.01,

@@ -82,7 +82,7 @@ def test_the_compiled_object_weighs_what_its_row_says(spec):
 def test_a_rigid_row_has_the_structure_of_the_domains_own_object(spec):
     own, other = load_model(DOMAINS[spec.domain]), load_model(place_object(DOMAINS[spec.domain], spec))
     assert (structure(other) == structure(own)) == spec.is_rigid
-    assert structure(load_model(place_object(DOMAINS[spec.domain], spec).plain)) == structure(own)
+    assert structure(load_model(place_object(DOMAINS[spec.domain], spec).as_rigid_box)) == structure(own)
 
 
 @every_row

@@ -20,11 +20,11 @@ from np_planning.time_parametrization import ACCELERATION_LIMIT, parametrize_pat
 FAST = ApproachConfig(budget=PlanningBudget(improve=3000))
 
 
-def touching_pose(domain, objekt, rng):
+def touching_pose(domain, object_pose, rng):
     """A hand pose with its fingertips on the object's top."""
     local = rng.uniform(-0.8, 0.8, 3) * domain.half_size
-    top = objekt.position + matrix_from_quaternion(objekt.quaternion) @ local
-    top[2] = objekt.position[2] + resting_height(domain, objekt.quaternion)
+    top = object_pose.position + matrix_from_quaternion(object_pose.quaternion) @ local
+    top[2] = object_pose.position[2] + resting_height(domain, object_pose.quaternion)
     turn = np.array([*rng.normal(0, 0.15, 2), rng.uniform(-1.2, 1.2)])
     rotation = matrix_from_vector(turn) @ np.diag([1.0, -1.0, -1.0])
     top[2] += 0.004 if domain.contact.hand is FLAT_HAND else 0.0  # a tilted pad has corners below its middle
@@ -36,9 +36,9 @@ def test_plans_are_free_within_limits_and_arrive(domain):
     rng = np.random.default_rng(0)
     collision = CollisionModel(domain)
     for _ in range(4):
-        objekt, _ = sample_task(domain, rng)
-        pose = touching_pose(domain, objekt, rng)
-        plan = plan_approach(collision, NOMINAL.ready, pose, rng.uniform(0, 0.03), objekt, seed=1, config=FAST)
+        object_pose, _ = sample_task(domain, rng)
+        pose = touching_pose(domain, object_pose, rng)
+        plan = plan_approach(collision, NOMINAL.ready, pose, rng.uniform(0, 0.03), object_pose, seed=1, config=FAST)
         motion = plan.trajectory
         assert (np.diff(motion.times) > 0).all() and motion.times[0] == 0
         np.testing.assert_array_equal(motion.positions[0], NOMINAL.ready)
@@ -64,9 +64,15 @@ def test_plans_are_free_within_limits_and_arrive(domain):
 
 def test_contact_comes_slowly():
     rng = np.random.default_rng(1)
-    objekt, _ = sample_task(CARD, rng)
+    object_pose, _ = sample_task(CARD, rng)
     plan = plan_approach(
-        CollisionModel(CARD), NOMINAL.ready, touching_pose(CARD, objekt, rng), 0.0, objekt, seed=1, config=FAST
+        CollisionModel(CARD),
+        NOMINAL.ready,
+        touching_pose(CARD, object_pose, rng),
+        0.0,
+        object_pose,
+        seed=1,
+        config=FAST,
     )
     times = np.arange(plan.contact_start, plan.trajectory.duration, 0.01)
     points = np.array([forward_kinematics(plan.trajectory.sample(t)[0])[0] for t in times])
@@ -75,45 +81,49 @@ def test_contact_comes_slowly():
 
 def test_a_hand_that_touches_the_object_backs_off_first():
     rng = np.random.default_rng(2)
-    objekt, _ = sample_task(CARD, rng)
+    object_pose, _ = sample_task(CARD, rng)
     collision = CollisionModel(CARD)
-    first = plan_approach(collision, NOMINAL.ready, touching_pose(CARD, objekt, rng), 0.0, objekt, seed=1, config=FAST)
+    first = plan_approach(
+        collision, NOMINAL.ready, touching_pose(CARD, object_pose, rng), 0.0, object_pose, seed=1, config=FAST
+    )
     there = first.trajectory.positions[-1]
     assert not collision.is_free(there)
-    again = plan_approach(collision, there, touching_pose(CARD, objekt, rng), 0.0, objekt, seed=1, config=FAST)
+    again = plan_approach(
+        collision, there, touching_pose(CARD, object_pose, rng), 0.0, object_pose, seed=1, config=FAST
+    )
     np.testing.assert_array_equal(again.trajectory.positions[0], there)
     heights = forward_kinematics(again.trajectory.positions)[0][:, 2]
     assert heights.max() > heights[0] + 0.03
 
 
 def test_a_pose_slightly_in_the_table_is_raised_and_one_far_in_it_refused():
-    objekt = Pose(np.array([0.5, 0.1, 0.0025]), np.array([1.0, 0, 0, 0]))
+    object_pose = Pose(np.array([0.5, 0.1, 0.0025]), np.array([1.0, 0, 0, 0]))
     down = quaternion_from_matrix(np.diag([1.0, -1.0, -1.0]))
     collision = CollisionModel(CARD)
     at = np.array([0.5, -0.1, 0.0])
-    plan = plan_approach(collision, NOMINAL.ready, Pose(at, down), 0.0, objekt, seed=0, config=FAST)
+    plan = plan_approach(collision, NOMINAL.ready, Pose(at, down), 0.0, object_pose, seed=0, config=FAST)
     assert 0.005 < plan.lift < 0.01
     with pytest.raises(UnreachableError, match="mm deep in the surroundings"):
-        plan_approach(collision, NOMINAL.ready, Pose(at - [0, 0, 0.05], down), 0.0, objekt, seed=0, config=FAST)
+        plan_approach(collision, NOMINAL.ready, Pose(at - [0, 0, 0.05], down), 0.0, object_pose, seed=0, config=FAST)
 
 
 @pytest.mark.parametrize("depth", [0.02, 0.04])
 @pytest.mark.parametrize("side", [False, True], ids=["above", "beside"])
 def test_a_pose_deep_in_the_object_is_drawn_out_before_its_face(depth, side):
     """As a student chooses where none of its training began: such an approach was refused, "22 mm deep in object"."""
-    objekt = Pose(np.array([0.5, -0.15, 0.045]), np.array([1.0, 0, 0, 0]))
+    object_pose = Pose(np.array([0.5, -0.15, 0.045]), np.array([1.0, 0, 0, 0]))
     rotation = np.diag([1.0, -1.0, -1.0])
     outwards = np.array([-1.0, 0, 0]) if side else np.array([0, 0, 1.0])
     if side:  # the hand leans away from the face before which it stands
         rotation = matrix_from_vector(np.array([0.0, -0.5, 0.0])) @ rotation
-    at = objekt.position + (0.045 - depth) * outwards
+    at = object_pose.position + (0.045 - depth) * outwards
     collision = CollisionModel(BUMP)
     plan = plan_approach(
-        collision, NOMINAL.ready, Pose(at, quaternion_from_matrix(rotation)), 0.0, objekt, seed=0, config=FAST
+        collision, NOMINAL.ready, Pose(at, quaternion_from_matrix(rotation)), 0.0, object_pose, seed=0, config=FAST
     )
     assert depth < plan.penetration_retreat < depth + 0.04
     position, turn = forward_kinematics(plan.trajectory.positions[-1])
-    apart, normal = finger_gap(BUMP, objekt.position, objekt.quaternion, position, turn, 0.0)
+    apart, normal = finger_gap(BUMP, object_pose.position, object_pose.quaternion, position, turn, 0.0)
     np.testing.assert_allclose(normal, outwards, atol=1e-9)
     assert apart == pytest.approx(CLEARANCE, abs=1e-3)
     np.testing.assert_allclose(
@@ -122,23 +132,23 @@ def test_a_pose_deep_in_the_object_is_drawn_out_before_its_face(depth, side):
 
 
 def test_a_pose_that_may_be_is_left_as_it_is():
-    objekt = Pose(np.array([0.5, -0.15, 0.045]), np.array([1.0, 0, 0, 0]))
+    object_pose = Pose(np.array([0.5, -0.15, 0.045]), np.array([1.0, 0, 0, 0]))
     down = np.diag([1.0, -1.0, -1.0])
-    goal = Pose(objekt.position + [0, 0, 0.045], quaternion_from_matrix(down))  # its fingertips 9 mm inside
-    plan = plan_approach(CollisionModel(BUMP), NOMINAL.ready, goal, 0.0, objekt, seed=0, config=FAST)
+    goal = Pose(object_pose.position + [0, 0, 0.045], quaternion_from_matrix(down))  # its fingertips 9 mm inside
+    plan = plan_approach(CollisionModel(BUMP), NOMINAL.ready, goal, 0.0, object_pose, seed=0, config=FAST)
     assert plan.penetration_retreat == 0.0
     np.testing.assert_allclose(forward_kinematics(plan.trajectory.positions[-1])[0], goal.position, atol=1e-3)
 
 
 def test_poses_out_of_reach_are_refused_with_the_miss():
-    objekt = Pose(np.array([0.5, 0.0, 0.0025]), np.array([1.0, 0, 0, 0]))
+    object_pose = Pose(np.array([0.5, 0.0, 0.0025]), np.array([1.0, 0, 0, 0]))
     pose = Pose(np.array([1.4, 0.0, 0.3]), quaternion_from_matrix(np.diag([1.0, -1.0, -1.0])))
     with pytest.raises(UnreachableError, match="nearest misses by [0-9.]+ mm"):
-        plan_approach(CollisionModel(CARD), NOMINAL.ready, pose, 0.0, objekt, seed=0, config=FAST)
+        plan_approach(CollisionModel(CARD), NOMINAL.ready, pose, 0.0, object_pose, seed=0, config=FAST)
 
 
 def test_a_start_in_collision_or_outside_limits_is_refused():
-    objekt = Pose(np.array([0.5, 0.0, 0.0025]), np.array([1.0, 0, 0, 0]))
+    object_pose = Pose(np.array([0.5, 0.0, 0.0025]), np.array([1.0, 0, 0, 0]))
     collision, pose = (
         CollisionModel(CARD),
         Pose(np.array([0.5, 0.1, 0.2]), quaternion_from_matrix(np.diag([1.0, -1.0, -1.0]))),
@@ -146,11 +156,11 @@ def test_a_start_in_collision_or_outside_limits_is_refused():
     folded = NOMINAL.ready.copy()
     folded[1] = 1.5  # elbow in the table
     with pytest.raises(StartError, match="mm deep in"):
-        plan_approach(collision, folded, pose, 0.0, objekt, seed=0, config=FAST)
+        plan_approach(collision, folded, pose, 0.0, object_pose, seed=0, config=FAST)
     beyond = NOMINAL.ready.copy()
     beyond[3] = 0.2
     with pytest.raises(StartError, match="joint 4 is at 0.200"):
-        plan_approach(collision, beyond, pose, 0.0, objekt, seed=0, config=FAST)
+        plan_approach(collision, beyond, pose, 0.0, object_pose, seed=0, config=FAST)
 
 
 def blocked_pair(collision, count=1):

@@ -39,17 +39,22 @@ def sized(domain, *factors: float):
     return place_object(domain, replace(spec, size=tuple((np.array(spec.size) * factors).tolist())))
 
 
-def before(domain, objekt: Pose, hand: Pose, opening: float):
+def before(domain, object_pose: Pose, hand: Pose, opening: float):
     """`finger_gap` of poses."""
     return finger_gap(
-        domain, objekt.position, objekt.quaternion, hand.position, matrix_from_quaternion(hand.quaternion), opening
+        domain,
+        object_pose.position,
+        object_pose.quaternion,
+        hand.position,
+        matrix_from_quaternion(hand.quaternion),
+        opening,
     )
 
 
-def nearest_finger(domain, objekt: Pose, hand: Pose, opening: float) -> float:
+def nearest_finger(domain, object_pose: Pose, hand: Pose, opening: float) -> float:
     """Distance m of the nearest finger to the object, measured by MuJoCo between its shapes."""
     model = CollisionModel(domain)
-    model.place(objekt, opening)
+    model.place(object_pose, opening)
     model.data.qpos[:7] = solve_ik(
         NOMINAL.ready, hand.position, matrix_from_quaternion(hand.quaternion), iterations=100
     )
@@ -62,16 +67,17 @@ def nearest_finger(domain, objekt: Pose, hand: Pose, opening: float) -> float:
 @pytest.mark.parametrize("contact", [HARD, SOFT], ids=["flat", "round"])
 def test_the_gap_is_what_is_between_the_fingers_and_the_face(contact):
     domain = replace(sized(BUMP, 2.2, 2.2, 1.1), contact=contact)  # a face that the fingers do not reach beyond
-    objekt, rng = Pose(np.array([0.5, 0.0, 0.05]), FLAT), np.random.default_rng(0)
+    object_pose, rng = Pose(np.array([0.5, 0.0, 0.05]), FLAT), np.random.default_rng(0)
     for _ in range(20):
         turn = matrix_from_vector(np.array([*rng.uniform(-0.4, 0.4, 2), rng.uniform(-0.5, 1.0)]))
         hand = Pose(
-            objekt.position + [0.0, 0.0, rng.uniform(0.075, 0.1)], quaternion_from_matrix(turn @ np.diag([1.0, -1, -1]))
+            object_pose.position + [0.0, 0.0, rng.uniform(0.075, 0.1)],
+            quaternion_from_matrix(turn @ np.diag([1.0, -1, -1])),
         )
         opening = rng.uniform(0.0, 0.02)
-        apart, normal = before(domain, objekt, hand, opening)
+        apart, normal = before(domain, object_pose, hand, opening)
         np.testing.assert_allclose(normal, [0, 0, 1], atol=1e-12)
-        assert apart == pytest.approx(nearest_finger(domain, objekt, hand, opening), abs=2e-4)
+        assert apart == pytest.approx(nearest_finger(domain, object_pose, hand, opening), abs=2e-4)
 
 
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)
@@ -141,11 +147,13 @@ def test_the_released_weights_choose_a_contact_that_can_be_reached_at_another_si
 def test_a_pose_before_a_face_is_carried_along_it_in_proportion_and_stands_off_as_far():
     wide = sized(BUMP, 1.2, 0.9, 1.1)
     known = Pose(np.array([0.5, 0.1, 0.045]), FLAT)
-    objekt = Pose(np.array([0.5, 0.1, 0.045 * 1.1]), FLAT)
+    object_pose = Pose(np.array([0.5, 0.1, 0.045 * 1.1]), FLAT)
     down, hand = np.diag([1.0, -1.0, -1.0]), known.position + [0.02, -0.01, 0.06]
-    there = transfer_contact_position(wide, BUMP, objekt.position, objekt.quaternion, hand, down, 0.0)
-    np.testing.assert_allclose((there - objekt.position)[:2], [0.024, -0.009], atol=1e-12)
-    assert finger_gap(wide, objekt.position, objekt.quaternion, there, down, 0.0)[0] == pytest.approx(CLEARANCE)
+    there = transfer_contact_position(wide, BUMP, object_pose.position, object_pose.quaternion, hand, down, 0.0)
+    np.testing.assert_allclose((there - object_pose.position)[:2], [0.024, -0.009], atol=1e-12)
+    assert finger_gap(wide, object_pose.position, object_pose.quaternion, there, down, 0.0)[0] == pytest.approx(
+        CLEARANCE
+    )
 
 
 def test_batches_of_tensors_are_carried_over_as_single_poses_are():

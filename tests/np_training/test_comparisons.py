@@ -16,7 +16,7 @@ from np_training.ppo.progress import TrainingProgress, describe
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)
 def test_training_is_for_the_share_of_the_tolerance_that_the_domain_aims_at(domain, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["train", "--domain", domain.name])
-    assert 0 < train.parse().stages[0].tolerance == domain.aim <= 1
+    assert 0 < train.parse().stages[0].tolerance == domain.tolerance_fraction <= 1
     monkeypatch.setattr(sys, "argv", [*sys.argv, "--set", "tolerance=1"])
     assert train.parse().stages[0].tolerance == 1
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import degrees, pi
 
-from np_description.domains import DOMAINS, Domain, Region
+from np_description.domains import DOMAINS, Region, Task
 from np_description.keypoints import CORNERS
 from np_description.objects.spec import ObjectSpec
 from np_description.objects.table import BASELINES, SURFACES, TRIES, rows_of
@@ -69,7 +69,7 @@ def _place(name: str, region: Region, turned: str) -> tuple[str, ...]:
     return name, _span(*region.x), _span(*region.y), f"{1e3 * region.surface:g}", turned, _face(region)
 
 
-def places(domain: Domain) -> str:
+def places(domain: Task) -> str:
     """What stands fixed on the table, and where the object begins and is to go, in the base frame."""
     fixed = [
         f"A fixed box, {' x '.join(f'{2e3 * half:g}' for half in box.half_size)} mm, stands on the table, its middle at x {box.centre[0]:g},"

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from np_common.cli import Parser
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN
-from np_description.domains import Domain, find_domain
+from np_description.domains import Task, find_domain
 from np_description.weights.contract import KEY, Contract
 from np_description.weights.header import read_metadata, tensors_sha256, with_metadata
 from np_description.weights.released import WeightsError, sha256
@@ -28,7 +28,7 @@ from np_training.tasks.randomisation import DELAY_STEP, PAPER
 
 def trained_contract(
     kind: str,
-    domain: Domain,
+    domain: Task,
     physics: PhysicsConfig | None = None,
     damping_floor: float = DAMPING_RATIO_MIN,
 ) -> PolicyContract:

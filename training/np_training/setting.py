@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from np_control.impedance import DAMPING_RATIO_MIN
-from np_description.domains import Domain, find_domain
+from np_description.domains import Task, find_domain
 from np_description.objects.choice import DEFAULT, domain_with, embed_object_text
 from np_training.physics.config import check_trainable
 
@@ -33,7 +33,7 @@ def setting_of(state: Mapping[str, object]) -> dict:
     return {name: value for name, value in setting.items() if name in SETTING}
 
 
-def largest_turn(domain: Domain) -> float | None:
+def largest_turn(domain: Task) -> float | None:
     """The largest turn rad from start to goal that a domain draws; None where the goal does not go by the start."""
     return None if domain.goal_yaw is None else domain.goal_yaw[1]
 
@@ -47,7 +47,7 @@ def chosen(setting: Mapping[str, object], **given: object) -> dict:
     return {**setting, "object": embed_object_text(setting["domain"], setting["object"])}
 
 
-def domain_of(setting: Mapping[str, object]) -> Domain:
+def domain_of(setting: Mapping[str, object]) -> Task:
     """The domain of a setting, with its object, opening and turns.
 
     Raises ValueError, one line, for an object that the domain has not, or that training cannot move, and for turns of a

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from np_common.cli import Parser
-from np_description.domains import DOMAINS, Domain, find_domain
+from np_description.domains import DOMAINS, Task, find_domain
 from np_description.objects.choice import DEFAULT
 from np_description.panda import FINGER_MAX
 from np_training.device import DEVICE_HELP, usable
@@ -93,13 +93,13 @@ def _complete(name: str, settings: Settings) -> Settings:
         field: getattr(task, field) for field in ("limit", "practice", "explore") if getattr(settings, field) is None
     }
     if settings.tolerance is None:
-        own["tolerance"] = task.domain.aim
+        own["tolerance"] = task.domain.tolerance_fraction
     if settings.contact is None:
         own["contact"] = LEARNED_IN[task.domain.contact.name]
     return replace(settings, reward={"far": task.far, **settings.reward}, **own)
 
 
-def played_domain(name: str, choice: str, settings: Settings) -> Domain:
+def played_domain(name: str, object_ref: str, settings: Settings) -> Task:
     """The domain with the object chosen, and opening and turns of the settings (None: the domain's own).
 
     Raises ValueError, one line, for an object that the domain has not or that cannot be trained with, and for another opening or turn.
@@ -108,4 +108,4 @@ def played_domain(name: str, choice: str, settings: Settings) -> Domain:
     if not 0 <= opening <= FINGER_MAX:
         raise ValueError(f"max_opening: expected 0 to {FINGER_MAX} m, got {opening:g}")
     turned = {} if settings.largest_turn is None else {"largest_turn": settings.largest_turn}
-    return domain_of({"domain": name, "object": choice, "max_opening": opening, **turned})
+    return domain_of({"domain": name, "object": object_ref, "max_opening": opening, **turned})

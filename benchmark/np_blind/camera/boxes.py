@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from sim2real.task.camera.rest_poses import RestPose
 
 from np_blind.camera.simulated_camera import SIGNS
-from np_description.domains import CARD, Domain
+from np_description.domains import CARD, Task
 
 MIDDLE = np.array([0.5, 0.0])  # m, about which a table tilts
 OPTICAL_X, FORWARD = (
@@ -65,7 +65,7 @@ class CameraCase:
 
     truth: Truth = field(default_factory=Truth)
     detector: Detector = field(default_factory=Detector)
-    domain: Domain = CARD
+    domain: Task = CARD
     count: int = 8
     moved: tuple[int, Truth] | None = None  # from which place on something else is true as well
     dent: float = 0.0  # m by which one corner of the object is pushed in

@@ -18,7 +18,7 @@ from np_blind.camera import quirks
 from np_blind.camera.quirks import Quirks
 from np_blind.camera.simulated_camera import DistortedCamera, UnknownCameraFaults
 from np_blind.sealed import SCHEMA
-from np_description.domains import BUMP, Domain
+from np_description.domains import BUMP, Task
 from np_description.panda import NOMINAL
 
 SET = "task"
@@ -70,7 +70,7 @@ class TaskCase:
     """Properties of a camera and detector without a gap."""
 
     @property
-    def domain(self) -> Domain:
+    def domain(self) -> Task:
         """The bump's, whose cube is of its true size, and weighs what it weighs."""
         half = tuple(h + edge / 2 for h, edge in zip(BUMP.half_size, self.longer))
         return replace(BUMP, half_size=half, density=BUMP.density * float(np.prod(BUMP.half_size) / np.prod(half)))

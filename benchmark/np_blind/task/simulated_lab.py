@@ -22,7 +22,7 @@ from np_control.controller import Controller, ControllerOutput
 from np_control.impedance import damping
 from np_control.safety import LIMITS, SafetyFilter
 from np_description.camera import CAMERA
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_description.engine import MakeEngine
 from np_description.panda import JOINT_NAMES
 from np_description.phases import EXCITE, PhaseState
@@ -83,12 +83,12 @@ class SimulatedLab:
 
     def __init__(
         self,
-        domain: Domain,
+        domain: Task,
         patch: Patch,
         seed: int,
         engine: MakeEngine,
         eye: CameraModel | None = None,
-        true: Domain | None = None,
+        true: Task | None = None,
     ):
         self.domain, self._rng = domain, np.random.default_rng([seed, 1])
         self._simulation = Simulation(true or domain, seed=seed, patch=patch, engine=engine)

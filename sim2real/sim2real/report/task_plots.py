@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from np_common.html_pages import style, svg
 from np_description.camera import CAMERA, Camera
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints
 from sim2real.effects.sentences import ValueWithInterval
 from sim2real.recordings.reading import ContractViolation
@@ -80,7 +80,7 @@ def _plot_corners(axes: Axes, diagnosis: TaskDiagnosis, camera: Camera) -> bool:
 
 
 def _expected(
-    keypoints: np.ndarray, domain: Domain, camera: Camera, off: Mapping[str, ValueWithInterval]
+    keypoints: np.ndarray, domain: Task, camera: Camera, off: Mapping[str, ValueWithInterval]
 ) -> np.ndarray | None:
     shift = np.array([off["x"].value, off["y"].value, 0.0]) if off else np.zeros(3)
     try:

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from np_description.camera import CAMERA
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.drawing.meshes import load_visual_model
 from np_description.scene import build_scene
 from np_sim_bridge.renderer import make_renderer
@@ -42,7 +42,7 @@ class LabelledImage:
 
 
 def held_out_images(
-    domain: Domain,
+    domain: Task,
     count: int,
     seed: int,
     look: Randomisation,
@@ -75,7 +75,7 @@ def held_out_images(
         camera.close()
 
 
-def patterned_model(domain: Domain, generator: torch.Generator) -> mujoco.MjModel:
+def patterned_model(domain: Task, generator: torch.Generator) -> mujoco.MjModel:
     """The scene on a table with a checker or gradient pattern of random colours and size."""
     draw = torch.rand(8, generator=generator).tolist()
     spec = build_scene(domain)

@@ -13,7 +13,7 @@ import torch
 from matplotlib.figure import Figure
 
 from np_common.html_pages import style
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.objects.choice import domain_with
 from np_perception.detector import KeypointDetector
 from np_sim_bridge.renderer import egl_works
@@ -93,7 +93,7 @@ def draw(pictures: list, path: Path, columns: int = 5) -> None:
 
 
 def evaluate(
-    domain: Domain,
+    domain: Task,
     folder: str | Path,
     images: int,
     seed: int,

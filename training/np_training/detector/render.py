@@ -16,7 +16,7 @@ import warp as wp
 
 from np_common.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
 from np_description.camera import CAMERA
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.keypoints import box_keypoints
 from np_description.scene import OBJECT, load_model
 from np_training.detector.scenes import STATE_SIZE
@@ -73,7 +73,7 @@ class SceneRenderer:
 
     def __init__(
         self,
-        domain: Domain,
+        domain: Task,
         worlds: int,
         device: str,
         look: Randomisation = Randomisation(),
@@ -156,7 +156,7 @@ class Shapes:
     fields = ("geom_size", "geom_pos")
     COMMON, OWN = 0.4, 0.4
 
-    def __init__(self, domain: Domain, model: mujoco.MjModel, device: str | torch.device, edges: tuple[float, float]):
+    def __init__(self, domain: Task, model: mujoco.MjModel, device: str | torch.device, edges: tuple[float, float]):
         self._edges = edges
         self._half_size = torch.tensor(domain.half_size, dtype=torch.float32, device=device)
         self._nominal = {

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from np_description.camera import CAMERA
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_training.detector.augment import Augmentation, augment
 from np_training.detector.render import Frames, SceneRenderer
 from np_training.detector.scenes import sample_states, turned
@@ -53,7 +53,7 @@ class ImageGenerator:
 
     def __init__(
         self,
-        domain: Domain,
+        domain: Task,
         renderer: SceneRenderer,
         pool: int,
         generator: torch.Generator,

@@ -21,7 +21,7 @@ from np_common.rotations import (
     yaw_quaternion,
 )
 from np_control.kinematics import solve_ik
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.panda import FINGER_MAX, NOMINAL
 from np_training.environment import contact
 from np_training.tasks.poses import Poses, sample_tasks, uniform
@@ -55,7 +55,7 @@ class SceneConfig:
     joint_noise: float = 0.08
 
 
-def sample_states(domain: Domain, count: int, generator: torch.Generator, config: SceneConfig = SceneConfig()):
+def sample_states(domain: Task, count: int, generator: torch.Generator, config: SceneConfig = SceneConfig()):
     """Joint positions (count, 16) of the scene: 7 joints, 2 fingers, object position, object quaternion
     wxyz."""
     objects = sample_objects(domain, count, generator, config)
@@ -87,7 +87,7 @@ def sample_states(domain: Domain, count: int, generator: torch.Generator, config
     return torch.cat([q, fingers.clamp(0, FINGER_MAX), position, objects.quaternion], dim=-1)
 
 
-def sample_contacts(domain: Domain, objects: Poses, generator: torch.Generator, config: SceneConfig, tries: int = 5):
+def sample_contacts(domain: Task, objects: Poses, generator: torch.Generator, config: SceneConfig, tries: int = 5):
     """A contact of the pre-contact policy's kind on each object, feasible if one of `tries` random ones
     is."""
     count = len(objects.position)
@@ -114,7 +114,7 @@ def sample_contacts(domain: Domain, objects: Poses, generator: torch.Generator, 
     return best
 
 
-def sample_objects(domain: Domain, count: int, generator: torch.Generator, config: SceneConfig) -> Poses:
+def sample_objects(domain: Task, count: int, generator: torch.Generator, config: SceneConfig) -> Poses:
     """Object poses: starts and goals of tasks, or anywhere in the workspace, some tilted and lifted."""
     starts, goals = sample_tasks(domain, count, generator)
     coin = torch.rand(3, count, generator=generator, device=generator.device)
@@ -144,7 +144,7 @@ def sample_objects(domain: Domain, count: int, generator: torch.Generator, confi
     return Poses(position, quaternion)
 
 
-def turned(domain: Domain, states: torch.Tensor, share: float, generator: torch.Generator) -> torch.Tensor:
+def turned(domain: Task, states: torch.Tensor, share: float, generator: torch.Generator) -> torch.Tensor:
     """`states` (n, 16), in a share of which the object lies on any of its faces, at any yaw, as low as it was.
 
     In its tasks an object lies in one way on top of an obstacle, and so it does in episodes that go well; where it has tipped otherwise a

@@ -6,13 +6,13 @@ import numpy as np
 import torch
 
 from np_common.timing import milliseconds
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.weights.released import weights_folder
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector, network_name
 from np_training.detector.exporting import Deployed, load_weights
 
 
-def detector_figures(domain: Domain, weights: str, repeats: int = 50) -> dict[str, object]:
+def detector_figures(domain: Task, weights: str, repeats: int = 50) -> dict[str, object]:
     """The detector as the node runs it (ONNX Runtime, one thread) against the plain torch module."""
     detector = KeypointDetector(domain, weights)
     image = np.random.default_rng(0).integers(0, 256, IMAGE_SHAPE, dtype=np.uint8)

@@ -12,7 +12,7 @@ from safetensors.torch import save as serialise
 from torch import Tensor
 from torch.nn import functional
 
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.weights.contract import KEY
 from np_description.weights.header import with_metadata
 from np_perception.contract import DetectorContract
@@ -54,7 +54,7 @@ class DetectorTrainer:
 
     def __init__(
         self,
-        domain: Domain,
+        domain: Task,
         device: str,
         seed: int,
         config: DetectorConfig = DetectorConfig(),

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_training.detector.scenes import STATE_SIZE
 from np_training.episodes.recording import load_recording
 
@@ -15,7 +15,7 @@ JOINT_SPREAD = 0.01  # rad: a real arm follows a little differently
 OBJECT_SPREAD = 0.002  # m: so that the same few episodes do not give the same images twice
 
 
-def load_visited(path: Path, domain: Domain, device: str | torch.device) -> torch.Tensor:
+def load_visited(path: Path, domain: Task, device: str | torch.device) -> torch.Tensor:
     """States (n, 16) of recorded episodes (`np_training.evaluate --record`), each up to its end.
 
     Raises ValueError where the recording is of another domain or holds no episode that was played.

@@ -18,7 +18,7 @@ import torch
 
 from np_common.rotations import matrix_from_quaternion, matrix_from_vector
 from np_control.kinematics import pose_distance
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.hand import BoxShape, CapsuleShape, HandShapes, Shape
 from np_description.panda import NOMINAL
 from np_planning.stand_off import CLEARANCE
@@ -49,7 +49,7 @@ class Contacts:
 
 
 def contact_pose(
-    domain: Domain, action: torch.Tensor, objects: Poses, hand: HandShapes | None = None
+    domain: Task, action: torch.Tensor, objects: Poses, hand: HandShapes | None = None
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """T_E position (n, 3) m, rotation (n, 3, 3) and finger width (n,) m, up to what the domain allows, that actions
     (n, 9) choose on the objects."""
@@ -73,7 +73,7 @@ def contact_pose(
     return position + (depth + CLEARANCE)[:, None] * normal, rotation, width
 
 
-def surface_point(domain: Domain, direction: torch.Tensor, objects: Poses) -> tuple[torch.Tensor, torch.Tensor]:
+def surface_point(domain: Task, direction: torch.Tensor, objects: Poses) -> tuple[torch.Tensor, torch.Tensor]:
     """Where rays from the objects' centres along `direction` (n, 3), base frame, leave them (n, 3) m; the normal of the
     face there (n, 3)."""
     body = matrix_from_quaternion(objects.quaternion)
@@ -107,7 +107,7 @@ def hand_rotation(action: torch.Tensor, normal: torch.Tensor) -> torch.Tensor:
 
 
 def reach(
-    domain: Domain,
+    domain: Task,
     position: torch.Tensor,
     rotation: torch.Tensor,
     width: torch.Tensor,
@@ -126,7 +126,7 @@ def reach(
 
 
 def resolve(
-    domain: Domain,
+    domain: Task,
     action: torch.Tensor,
     objects: Poses,
     sunk: torch.Tensor | float = 0.0,
@@ -137,7 +137,7 @@ def resolve(
 
 
 def gripper_clearance(
-    domain: Domain,
+    domain: Task,
     q: torch.Tensor,
     width: torch.Tensor,
     objects: Poses,

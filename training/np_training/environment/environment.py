@@ -15,7 +15,7 @@ import torch
 from np_common.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_multiply, six_from_matrix
 from np_control.impedance import DAMPING_RATIO_MIN
 from np_description.camera import CAMERA
-from np_description.domains import Domain, is_lost, is_success, pose_error
+from np_description.domains import Task, is_lost, is_success, pose_error
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
 from np_description.symmetry import canonical_rotation, symmetries
@@ -83,7 +83,7 @@ def force_scale(strictness: float) -> float:
     return LOOSE_FORCE ** (1 - strictness)
 
 
-def as_seen(domain: Domain, objects: Poses, goals: Poses) -> tuple[Poses, Poses]:
+def as_seen(domain: Task, objects: Poses, goals: Poses) -> tuple[Poses, Poses]:
     """Poses of objects and goals (n,) under the names of their faces that the policies see (np_description.symmetry)."""
     if not domain.interchangeable:
         return objects, goals
@@ -100,7 +100,7 @@ def as_seen(domain: Domain, objects: Poses, goals: Poses) -> tuple[Poses, Poses]
     )
 
 
-def corners(domain: Domain, poses: Poses) -> torch.Tensor:
+def corners(domain: Task, poses: Poses) -> torch.Tensor:
     """Corners (n, 8, 3) m of the domain's object at poses (n,)."""
     return box_keypoints(poses.half_size(domain), poses.position, poses.quaternion)
 
@@ -108,7 +108,7 @@ def corners(domain: Domain, poses: Poses) -> torch.Tensor:
 class Environment:
     """`config.worlds` episodes of a domain on one device."""
 
-    def __init__(self, domain: Domain, device: str, config: EnvironmentConfig = EnvironmentConfig()) -> None:
+    def __init__(self, domain: Task, device: str, config: EnvironmentConfig = EnvironmentConfig()) -> None:
         self.domain, self.config, self.device = domain, config, torch.device(device)
         self.physics = BatchedPhysics(domain, config.worlds, device, config.physics)
         self.hand = config.physics.contact.hand

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from np_description.domains import Domain, Pose, find_domain, pose_error
+from np_description.domains import Pose, Task, find_domain, pose_error
 from np_description.scene import load_model
 from np_record.report.video import SCALE, draw_box, encode
 from np_sim_bridge.renderer import Renderer, make_renderer
@@ -19,7 +19,7 @@ PICTURES = 7  # of an episode in a strip
 _WHITE, _DARK = (255, 255, 255), (30, 30, 30)
 
 
-def frames(renderer: Renderer, domain: Domain, recording: RecordedEpisodes, row: int) -> Iterator[np.ndarray]:
+def frames(renderer: Renderer, domain: Task, recording: RecordedEpisodes, row: int) -> Iterator[np.ndarray]:
     """Pictures (height, width, 3) uint8 RGB of an episode, one a policy step, and of its end for a while."""
     goal = Pose(recording.goals[row, :3], recording.goals[row, 3:])
     last = int(recording.length[row])
@@ -78,7 +78,7 @@ def draw_strips(path: Path, file: Path, count: int, renderer: str = "auto") -> N
     cv2.imwrite(str(file), cv2.cvtColor(np.vstack(strips), cv2.COLOR_RGB2BGR))
 
 
-def _open(path: Path, count: int, renderer: str) -> tuple[RecordedEpisodes, Domain, np.ndarray, Renderer]:
+def _open(path: Path, count: int, renderer: str) -> tuple[RecordedEpisodes, Task, np.ndarray, Renderer]:
     recording = load_recording(path)
     rows = recording.choose(count)
     if not len(rows):

@@ -12,7 +12,7 @@ import mujoco_warp as mjw
 import torch
 import warp as wp
 
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.scene import OBJECT, load_model
 from np_policy.action import Target
 from np_training.physics.batched_contacts import BatchedContacts
@@ -50,7 +50,7 @@ class BatchedPhysics:
     what the sensors say of joints and fingers; varied: what worlds differ in; forces: what the robot feels. Raises ValueError for an object that is not rigid.
     """
 
-    def __init__(self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
+    def __init__(self, domain: Task, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
         check_trainable(domain)
         self.config, self.worlds, self.device = config, worlds, torch.device(device)
         panda = config.effects.panda()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from sim2real.effects.patch import Patch
 
 from np_description.contact.model import HARD, SOFT, STEADY, Compliance, ContactModel
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_training.physics.carried_effects import check_carried
 
 LARGEST = 1.2  # times its own size that an object may have
@@ -69,7 +69,7 @@ def physics_for(contact: str, **options) -> PhysicsConfig:
     return PhysicsConfig(contact=model, **{**stepping, **options})
 
 
-def check_trainable(domain: Domain) -> None:
+def check_trainable(domain: Task) -> None:
     """Raises ValueError for an object that is not rigid: a world has no room for its parts."""
     if domain.object is not None and not domain.object.is_rigid:
         raise ValueError(f"object: training moves rigid ones, got {domain.object.name}, which has moving parts")

@@ -12,7 +12,7 @@ import warp as wp
 
 from np_common.rotations import quaternion_multiply
 from np_description.contact.penetration import kind_of
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.scene import OBJECT, SUPPORT, SUPPORT_PROUD, SUPPORT_SHARE, TIP
 
 # A body's mass has to change together with that of its subtree, which centres of mass are divided by.
@@ -41,7 +41,7 @@ class VariedModel:
     principal axes: the simulator's own arrays; scale (worlds, 3): of the object's edges, as `resize` has it; object_body: its index.
     """
 
-    def __init__(self, batched, model: mujoco.MjModel, domain: Domain, supports: bool, device: torch.device) -> None:
+    def __init__(self, batched, model: mujoco.MjModel, domain: Task, supports: bool, device: torch.device) -> None:
         """batched: MuJoCo Warp's model of `model` with FIELDS for every world; supports: whether the object has patches to stand on."""
         self.friction, self.mass, self.subtree_mass, self.inertia, self._solimp, self._solref, self._size, *rest = (
             wp.to_torch(getattr(batched, name)) for name in FIELDS

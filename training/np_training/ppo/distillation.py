@@ -11,7 +11,7 @@ from typing import NoReturn
 
 import torch
 
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.hand import HandShapes
 from np_description.objects.choice import DEFAULT, object_reference
 from np_policy import hand_pose
@@ -42,7 +42,7 @@ POOL, REUSE = 32, 8  # batches of tasks kept, and updates from them for each tha
 
 
 def student_input(
-    domain: Domain,
+    domain: Task,
     objects: Poses,
     goals: Poses,
     noise: torch.Tensor | float = 0.0,
@@ -63,7 +63,7 @@ class Student:
 
     def hand_poses(
         self,
-        domain: Domain,
+        domain: Task,
         objects: Poses,
         goals: Poses,
         noise: torch.Tensor | float = 0.0,
@@ -89,7 +89,7 @@ def disturbed(keypoints: torch.Tensor, goal: torch.Tensor, noise: torch.Tensor |
     return student_observation(keypoints + noise * torch.randn_like(keypoints), goal)
 
 
-def shares_with(domain: Domain, practice: float) -> tuple[float, ...]:
+def shares_with(domain: Task, practice: float) -> tuple[float, ...]:
     """Share of each kind of the domain's tasks where `practice` of them are the kinds of its practice that sink no obstacle: objects
     also lie where none begins, as they do for a second contact. A domain without such practice has its own tasks alone."""
     kinds = find_task(domain.name).kinds
@@ -98,13 +98,13 @@ def shares_with(domain: Domain, practice: float) -> tuple[float, ...]:
     return (1 - practice, *(practice * w / max(sum(whole), 1) for w in whole[1:]))
 
 
-def _keypoints(domain: Domain, objects: Poses, goals: Poses, view: BatchedView) -> tuple[torch.Tensor, torch.Tensor]:
+def _keypoints(domain: Task, objects: Poses, goals: Poses, view: BatchedView) -> tuple[torch.Tensor, torch.Tensor]:
     seen, wanted = (corners(domain, poses) for poses in as_seen(domain, objects, goals))
     return view.keypoints(seen, is_first=True), normalised_keypoints(wanted)
 
 
 def distil(
-    domain: Domain,
+    domain: Task,
     teacher: PreContactActor,
     device: str,
     minutes: float,

@@ -145,12 +145,12 @@ def release(
     machine: str,
     command: str,
     note: str = "",
-    choice: str | None = None,
+    object_ref: str | None = None,
 ) -> list[Path]:
     """Write weights with cards, training_DOMAIN.pt beside them, and training_DOMAIN.{json,csv,png} into results; returns
-    the weights' files. note: what a user has to know of their behaviour; choice: the object that they are for (None: that of the
+    the weights' files. note: what a user has to know of their behaviour; object_ref: the object that they are for (None: that of the
     training). Raises ValueError, and WeightsError, before anything is written."""
-    setting = chosen(setting_of(state), object=choice)
+    setting = chosen(setting_of(state), object=object_ref)
     domain, played = domain_of(setting).name, setting["object"]
     check_releasable(setting, run.evaluations)
     check_place(played, weights)

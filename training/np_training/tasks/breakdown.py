@@ -7,11 +7,11 @@ from math import degrees, pi
 import torch
 
 from np_common.rotations import rotation_angle
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_training.tasks.poses import Poses, quarter_tips
 
 
-def goal_region(domain: Domain, position: torch.Tensor) -> torch.Tensor:
+def goal_region(domain: Task, position: torch.Tensor) -> torch.Tensor:
     """Index (n,) of the domain's goal region that the object's centres (n, 3) m lie in, or nearest to."""
 
     def beyond(value: torch.Tensor, bounds: tuple[float, float]) -> torch.Tensor:
@@ -27,7 +27,7 @@ def goal_region(domain: Domain, position: torch.Tensor) -> torch.Tensor:
     return torch.stack(distances).argmin(0)
 
 
-def groups(domain: Domain, tips: torch.Tensor, goal_position: torch.Tensor) -> dict[str, torch.Tensor]:
+def groups(domain: Task, tips: torch.Tensor, goal_position: torch.Tensor) -> dict[str, torch.Tensor]:
     """Masks (n,) of the groups of episodes, by name, for quarter turns `tips` (n,) and goals at (n, 3) m.
 
     tips0, tips1, tips2 where the domain turns its object over; goal0, goal1, ... where it has several goal
@@ -40,7 +40,7 @@ def groups(domain: Domain, tips: torch.Tensor, goal_position: torch.Tensor) -> d
     return masks
 
 
-def groups_of_tasks(domain: Domain, starts: Poses, goals: Poses) -> dict[str, torch.Tensor]:
+def groups_of_tasks(domain: Task, starts: Poses, goals: Poses) -> dict[str, torch.Tensor]:
     """`groups` of tasks (n,), and where the domain says how far a goal is turned turn45, turn90, ...: by more than the one before and
     by up to so many degrees."""
     masks = groups(domain, quarter_tips(starts, goals), goals.position)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_training.tasks.kinds import OWN, Kind
 
 
@@ -17,7 +17,7 @@ class TaskConfig:
     practice.
     """
 
-    domain: Domain
+    domain: Task
     limit: int = 100
     practice: float = 0.0
     explore: float = 0.0

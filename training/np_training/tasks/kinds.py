@@ -9,7 +9,7 @@ from math import pi
 import torch
 
 from np_common.rotations import matrix_from_quaternion, quaternion_multiply, yaw_quaternion
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_training.tasks.poses import Poses, from_any, sample_poses, sample_tasks, uniform
 
 SQUARE = 0.35  # rad: how far a cube that is to roll is turned from the bump's direction
@@ -17,7 +17,7 @@ ASIDE = 0.04  # m: how far a roll ends to the side of where it begins
 NEAR = 0.04  # m: how far from its goal, along x and y, a cube lies at most that has to be turned there
 LEFT = 0.2  # rad: how far it has to be turned at least
 
-Draw = Callable[[Domain, int, torch.Generator], tuple[Poses, Poses]]
+Draw = Callable[[Task, int, torch.Generator], tuple[Poses, Poses]]
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Kind:
 OWN = Kind("own", sample_tasks)
 
 
-def height_at_rest(domain: Domain, quaternion: torch.Tensor) -> torch.Tensor:
+def height_at_rest(domain: Task, quaternion: torch.Tensor) -> torch.Tensor:
     """Height (n,) m of the object's centre over what it rests on."""
     half_size = torch.tensor(domain.half_size, device=quaternion.device)
     return (matrix_from_quaternion(quaternion)[:, 2].abs() * half_size).sum(-1)
@@ -46,7 +46,7 @@ def lower(name: str, draw: Draw) -> list[Kind]:
 
 
 def slides(
-    domain: Domain, count: int, generator: torch.Generator, yaw: float, from_start: bool = False
+    domain: Task, count: int, generator: torch.Generator, yaw: float, from_start: bool = False
 ) -> tuple[Poses, Poses]:
     """From any region, or from the domain's start, to any, with the same face up, turned by up to `yaw`."""
     starts = from_any(domain, (domain.start,) if from_start else (domain.start, *domain.goals), count, generator)
@@ -55,12 +55,12 @@ def slides(
     return starts, _resting(domain, Poses(goals.position, turned), goals.quaternion)
 
 
-def moves(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
+def moves(domain: Task, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
     """From a goal to a goal."""
     return tuple(from_any(domain, domain.goals, count, generator) for _ in range(2))
 
 
-def mends(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
+def mends(domain: Task, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
     """To the domain's own goals, from the places about them: the right face is up already, what is left is a turn about the vertical and some way."""
     goals = from_any(domain, domain.goals, count, generator)
     turn = uniform(count, (-1.0, 1.0), generator)
@@ -75,7 +75,7 @@ def mends(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses
     return Poses(position, quaternion_multiply(yaw_quaternion(turn), goals.quaternion)), goals
 
 
-def rolls(domain: Domain, count: int, generator: torch.Generator, yaw: float) -> tuple[Poses, Poses]:
+def rolls(domain: Task, count: int, generator: torch.Generator, yaw: float) -> tuple[Poses, Poses]:
     """From a region to one beside it, over the edge on which a cube pushed there rolls, and turned by up to `yaw`."""
     device = generator.device
     regions = sorted((domain.start, *domain.goals), key=lambda region: sum(region.y))
@@ -108,7 +108,7 @@ def _yaw_to_square(rotation: torch.Tensor) -> torch.Tensor:
     return yaw - torch.round(yaw / (pi / 2)) * (pi / 2)
 
 
-def turns(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
+def turns(domain: Task, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
     """From any region to any; the goal at most one quarter turn and 45 degrees of yaw from the start."""
     device = generator.device
     starts, goals = (from_any(domain, (domain.start, *domain.goals), count, generator) for _ in range(2))
@@ -122,7 +122,7 @@ def turns(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses
     return starts, _resting(domain, Poses(goals.position, turned), goals.quaternion)
 
 
-def _resting(domain: Domain, poses: Poses, before: torch.Tensor) -> Poses:
+def _resting(domain: Task, poses: Poses, before: torch.Tensor) -> Poses:
     """The poses, which came with orientation `before` (n, 4), as high over their surfaces as their orientation takes."""
     position = poses.position.clone()
     position[:, 2] += height_at_rest(domain, poses.quaternion) - height_at_rest(domain, before)

@@ -9,7 +9,7 @@ from math import pi
 import torch
 
 from np_common.rotations import matrix_from_quaternion, quaternion_multiply, yaw_quaternion
-from np_description.domains import Domain, Region
+from np_description.domains import Region, Task
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Poses:
     def __getitem__(self, index) -> Poses:
         return Poses(self.position[index], self.quaternion[index], None if self.scale is None else self.scale[index])
 
-    def half_size(self, domain: Domain) -> torch.Tensor:
+    def half_size(self, domain: Task) -> torch.Tensor:
         """Of the objects, (3,) or (n, 3) m."""
         half = torch.tensor(domain.half_size, dtype=self.position.dtype, device=self.position.device)
         return half if self.scale is None else half * self.scale
@@ -41,7 +41,7 @@ def edges(count: int, bounds: tuple[float, float], generator: torch.Generator) -
     return uniform(3 * count, bounds, generator).reshape(count, 3)
 
 
-def sample_poses(domain: Domain, region: Region, count: int, generator: torch.Generator) -> Poses:
+def sample_poses(domain: Task, region: Region, count: int, generator: torch.Generator) -> Poses:
     """(count,) poses at rest in a region."""
     quaternion = yaw_quaternion(uniform(count, region.yaw, generator))
     for axis, angle in ((2, region.pitch), (1, 0.0)):  # pitch, then roll, in the rotated frame: yaw * pitch * roll
@@ -57,7 +57,7 @@ def sample_poses(domain: Domain, region: Region, count: int, generator: torch.Ge
     return Poses(position, quaternion)
 
 
-def sample_tasks(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
+def sample_tasks(domain: Task, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
     """(count,) starts and goals of the domain; tasks closer than its least distance are drawn again."""
     return draw_apart(_draw, domain, count, generator)
 
@@ -69,7 +69,7 @@ def quarter_tips(starts: Poses, goals: Poses) -> torch.Tensor:
 
 
 def draw_apart(
-    draw: Callable[..., tuple[Poses, Poses]], domain: Domain, count: int, generator: torch.Generator
+    draw: Callable[..., tuple[Poses, Poses]], domain: Task, count: int, generator: torch.Generator
 ) -> tuple[Poses, Poses]:
     """What `draw(domain, count, generator)` gives, with tasks closer than the domain's least distance drawn again."""
     starts, goals = draw(domain, count, generator)
@@ -83,7 +83,7 @@ def draw_apart(
             old.position[near], old.quaternion[near] = new.position, new.quaternion
 
 
-def _draw(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
+def _draw(domain: Task, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
     starts = sample_poses(domain, domain.start, count, generator)
     goals = from_any(domain, domain.goals, count, generator)
     if domain.goal_yaw is not None:
@@ -92,7 +92,7 @@ def _draw(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses
     return starts, goals
 
 
-def from_any(domain: Domain, regions: tuple[Region, ...], count: int, generator: torch.Generator) -> Poses:
+def from_any(domain: Task, regions: tuple[Region, ...], count: int, generator: torch.Generator) -> Poses:
     """(count,) poses at rest, each in one of the regions, with equal odds."""
     choices = [sample_poses(domain, region, count, generator) for region in regions]
     pick = torch.randint(0, len(choices), (count,), generator=generator, device=generator.device)

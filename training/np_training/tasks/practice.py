@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 
 from np_common.rotations import matrix_from_quaternion
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_training.tasks.kinds import Kind, height_at_rest
 from np_training.tasks.poses import Poses, draw_apart, edges, uniform
 from np_training.tasks.registry import find_task
@@ -29,7 +29,7 @@ class Tasks:
 
 
 def draw_tasks(
-    domain: Domain,
+    domain: Task,
     shares: tuple[float, ...],
     count: int,
     generator: torch.Generator,
@@ -57,7 +57,7 @@ def draw_tasks(
     return Tasks(starts, goals, joined([p.kind for p in parts]), joined([p.sunk for p in parts]))
 
 
-def _draw_kind(domain: Domain, number: int, kind: Kind, count: int, generator: torch.Generator) -> Tasks:
+def _draw_kind(domain: Task, number: int, kind: Kind, count: int, generator: torch.Generator) -> Tasks:
     if kind.apart:
         starts, goals = draw_apart(kind.draw, domain, count, generator)
     else:
@@ -68,7 +68,7 @@ def _draw_kind(domain: Domain, number: int, kind: Kind, count: int, generator: t
     return Tasks(starts, goals, torch.full((count,), number, device=generator.device), top * share)
 
 
-def _lowered(domain: Domain, poses: Poses, share: torch.Tensor) -> Poses:
+def _lowered(domain: Task, poses: Poses, share: torch.Tensor) -> Poses:
     """The poses with the surfaces that they rest on lowered by a share (n,) of their height."""
     surface = poses.position[:, 2] - height_at_rest(domain, poses.quaternion)
     position = poses.position.clone()
@@ -76,7 +76,7 @@ def _lowered(domain: Domain, poses: Poses, share: torch.Tensor) -> Poses:
     return Poses(position, poses.quaternion)
 
 
-def scaled(domain: Domain, poses: Poses, scale: torch.Tensor) -> Poses:
+def scaled(domain: Task, poses: Poses, scale: torch.Tensor) -> Poses:
     """Where objects with edges `scale` (n, 3) times as long are in place of those at the poses: on the same surface, and beside an obstacle with the
     same gap to it."""
     longer = (scale - 1) * torch.tensor(domain.half_size).to(scale)

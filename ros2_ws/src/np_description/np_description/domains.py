@@ -1,4 +1,4 @@
-"""The three domains: object, fixed surroundings, start and goal distributions, success.
+"""The three tasks: object, fixed surroundings, start and goal distributions, success.
 
 Densities and tolerances are the paper's (Kim et al., IROS 2023). It prints no sizes, which follow here from mass and density, and
 describes the start and goal distributions in words; the ranges in metres below are this project's reading of them, in the base frame
@@ -66,42 +66,47 @@ class Region:
 
 
 @dataclass(frozen=True)
-class Domain:
-    """One task family.
-
-    half_size (3,) m; density kg/m^3; start, goals: regions (a goal region is drawn with equal odds);
-    goal_yaw: range rad of the goal's yaw relative to the start's, or None where the goal's own region draws it;
-    tolerance_position m, tolerance_angle rad or None for position only; workspace: x, y limits m outside of which the
-    object counts as lost; min_distance m: tasks nearer than this are drawn again; max_opening m: of one finger, beyond
-    which the object could be gripped, or an edge of it be jammed between the fingers: what is learned is to be done without;
-    aim: share of the tolerance that policies are trained to reach and that the estimated pose has to reach, the rest being
-    left to the estimate's error; interchangeable: policies see the object under other names of its faces (np_description.symmetry);
-    contact: in which its released weights were trained: what its scene is made of, and its bags judged by, where nothing else is said;
-    object: another than its own, whose size and mean density the domain then has (np_description.objects.choice); None: its own, a
-    homogeneous box.
-    """
+class Task:
+    """One task family: object, fixed surroundings, distributions of start and goal, success."""
 
     name: str
+    """By which commands and parameters know it (`domain`)."""
     half_size: tuple[float, float, float]
+    """Of the object, (3,) m."""
     density: float
+    """Of the object, kg/m^3."""
     start: Region
+    """Where the object begins."""
     goals: tuple[Region, ...]
+    """Where it is to end; each is drawn with equal odds."""
     obstacles: tuple[Box, ...] = ()
+    """Fixed boxes on the table."""
     goal_yaw: tuple[float, float] | None = None
+    """Range of the goal's yaw relative to the start's, rad; None where the goal's own region draws it."""
     tolerance_position: float = 0.01
+    """Of success, m."""
     tolerance_angle: float | None = 0.1
+    """Of success, rad; None for position only."""
     workspace_x: tuple[float, float] = (0.30, 0.75)
+    """Range outside of which the object counts as lost, m."""
     workspace_y: tuple[float, float] = (-0.35, 0.35)
+    """Range outside of which the object counts as lost, m."""
     min_distance: float = 0.03
+    """Tasks whose start and goal are nearer than this are drawn again, m."""
     max_opening: float = 0.005
-    aim: float = 0.8
+    """Of one finger, m. Beyond it the object could be gripped, or jammed between the fingers: the task is to be done without."""
+    tolerance_fraction: float = 0.8
+    """Of the tolerance, that policies are trained to reach and the estimated pose has to reach: the rest is left to the estimate's error."""
     interchangeable: bool = False
+    """Whether policies see the object under other names of its faces (np_description.symmetry)."""
     contact: ContactModel = HARD
+    """In which its released weights were trained: what its scene is made of, and its bags judged by, where nothing else is said."""
     object: ObjectSpec | None = None
+    """Another than its own, whose size and mean density the task then has (np_description.objects.choice); None: a homogeneous box."""
 
     @property
-    def plain(self) -> Domain:
-        """The domain with a hard, homogeneous box of the object's size and mass: for who looks or plans, and moves no parts."""
+    def as_rigid_box(self) -> Task:
+        """The task with a hard, homogeneous box of the object's size and mass, for drawing and planning, which move no parts."""
         return replace(self, object=None)
 
     @property
@@ -116,7 +121,7 @@ class Domain:
         return self.density * 8 * float(np.prod(self.half_size))
 
 
-CARD = Domain(
+CARD = Task(
     name="card",
     half_size=(0.025, 0.035, 0.0025),
     density=457.1,
@@ -127,7 +132,7 @@ CARD = Domain(
     workspace_y=(-0.21, 0.21),
 )
 
-BUMP = Domain(
+BUMP = Task(
     name="bump",
     half_size=(0.045, 0.045, 0.045),
     density=200.0,
@@ -142,7 +147,7 @@ BUMP = Domain(
 
 # The goal is a box that lies on the wall. Of one that stands there only the position would count, and a lying box that is
 # tipped up has it too.
-WALL = Domain(
+WALL = Task(
     name="wall",
     half_size=(0.025, 0.025, 0.05),
     density=150.0,
@@ -150,7 +155,7 @@ WALL = Domain(
     start=Region(x=(0.53, 0.53), y=(-0.15, 0.15), yaw=(0.0, 0.0)),
     goals=(Region(x=(0.60, 0.64), y=(0.05, 0.15), surface=0.10, yaw=(0.0, 0.0), pitch=pi / 2),),
     tolerance_angle=None,
-    aim=0.6,
+    tolerance_fraction=0.6,
 )
 
 GOAL_SLACK = {"x": 0.002, "y": 0.002, "surface": 0.015}
@@ -159,21 +164,21 @@ GOAL_SLACK = {"x": 0.002, "y": 0.002, "surface": 0.015}
 DOMAINS = {domain.name: domain for domain in (CARD, BUMP, WALL)}
 
 
-def find_domain(name: str) -> Domain:
+def find_domain(name: str) -> Task:
     """The domain called `name`. Raises ValueError with the known names."""
     if name not in DOMAINS:
         raise ValueError(f"domain: expected one of {', '.join(DOMAINS)}, got {name!r}")
     return DOMAINS[name]
 
 
-def sample_pose(domain: Domain, region: Region, rng: np.random.Generator) -> Pose:
+def sample_pose(domain: Task, region: Region, rng: np.random.Generator) -> Pose:
     """A pose of the domain's object at rest in `region`."""
     yaw = rng.uniform(*region.yaw)
     roll, pitch = rng.integers(0, 4, size=2) * (pi / 2) if region.quarter_turns else (0.0, region.pitch)
     return resting_pose(domain, region, rng.uniform(*region.x), rng.uniform(*region.y), yaw, roll, pitch)
 
 
-def resting_pose(domain: Domain, region: Region, x: float, y: float, yaw: float, roll: float, pitch: float) -> Pose:
+def resting_pose(domain: Task, region: Region, x: float, y: float, yaw: float, roll: float, pitch: float) -> Pose:
     """The object at x, y m on the surface of `region`, turned by roll, then pitch, then yaw, rad; face-down."""
     quaternion = yaw_quaternion(np.asarray(yaw))
     if roll or pitch:
@@ -182,12 +187,12 @@ def resting_pose(domain: Domain, region: Region, x: float, y: float, yaw: float,
     return Pose(np.array([x, y, region.surface + resting_height(domain, quaternion)]), quaternion)
 
 
-def resting_height(domain: Domain, quaternion: np.ndarray) -> float:
+def resting_height(domain: Task, quaternion: np.ndarray) -> float:
     """Height m of the object's centre over the surface on which it rests, for face-down orientations."""
     return float(np.abs(matrix_from_quaternion(quaternion)[2]) @ np.asarray(domain.half_size))
 
 
-def sample_task(domain: Domain, rng: np.random.Generator) -> tuple[Pose, Pose]:
+def sample_task(domain: Task, rng: np.random.Generator) -> tuple[Pose, Pose]:
     """Start and goal pose of one episode, at least `domain.min_distance` apart."""
     while True:
         start = sample_pose(domain, domain.start, rng)
@@ -199,7 +204,7 @@ def sample_task(domain: Domain, rng: np.random.Generator) -> tuple[Pose, Pose]:
             return start, goal
 
 
-def goal_region(domain: Domain, goal: Mapping[str, float], margin: Mapping[str, float]) -> Region:
+def goal_region(domain: Task, goal: Mapping[str, float], margin: Mapping[str, float]) -> Region:
     """The domain's goal region that holds a goal, within a margin. Both have, by name, what counts of x, y, surface m and yaw rad.
 
     Raises ValueError with the domain's goals where none does.
@@ -215,7 +220,7 @@ def goal_region(domain: Domain, goal: Mapping[str, float], margin: Mapping[str, 
     raise ValueError(f"goal: expected one of {domain.name}'s goals ({goals}), got {got}")
 
 
-def check_goal(domain: Domain, pose: Pose) -> None:
+def check_goal(domain: Task, pose: Pose) -> None:
     """Raises ValueError for a goal that rests in none of the domain's goal regions, within `GOAL_SLACK`: mostly another domain's."""
     x, y, z = pose.position
     goal_region(domain, {"x": x, "y": y, "surface": z - resting_height(domain, pose.quaternion)}, GOAL_SLACK)
@@ -227,13 +232,13 @@ def pose_error(position_a, quaternion_a, position_b, quaternion_b):
     return (difference * difference).sum(axis=-1) ** 0.5, rotation_angle(quaternion_a, quaternion_b)
 
 
-def is_success(domain: Domain, distance, angle, share: float = 1.0):
+def is_success(domain: Task, distance, angle, share: float = 1.0):
     """Whether errors (...) from `pose_error` are within the domain's tolerance, or a share of it."""
     near = distance <= share * domain.tolerance_position
     return near if domain.tolerance_angle is None else near & (angle <= share * domain.tolerance_angle)
 
 
-def is_lost(domain: Domain, position):
+def is_lost(domain: Task, position):
     """Whether object positions (..., 3) m have left the workspace, or fallen below the table."""
     x, y, z = position[..., 0], position[..., 1], position[..., 2]
     return (

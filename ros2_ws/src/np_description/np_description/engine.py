@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_description.panda import NOMINAL, PandaModel
 from np_description.scene_change import UNCHANGED, SceneChange
 
@@ -49,7 +49,7 @@ class MakeEngine(Protocol):
 
     def __call__(
         self,
-        domain: Domain,
+        domain: Task,
         *,
         substeps: int = 1,
         camera: Camera = CAMERA,

@@ -10,7 +10,7 @@ from np_description.contact.depths import PUSHERS
 from np_description.contact.model import ContactModel
 from np_description.contact.penetration import kind_of
 from np_description.control_rate import PERIOD_NS, SECOND_NS
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES, PandaModel
 from np_description.scene import OBJECT, load_model
 from np_description.scene_change import UNCHANGED, SceneChange
@@ -23,7 +23,7 @@ class MujocoEngine:
 
     def __init__(
         self,
-        domain: Domain,
+        domain: Task,
         *,
         substeps: int = 1,
         camera: Camera = CAMERA,

@@ -13,7 +13,7 @@ import numpy as np
 
 from np_description.camera import CAMERA, Camera
 from np_description.contact.model import OBJECT_FRICTION, ROLLING, TORSION, Compliance, ContactModel
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.hand import BoxShape, CapsuleShape
 from np_description.keypoints import CORNERS
 from np_description.objects.bodies import add_parts
@@ -61,7 +61,7 @@ _LINK_CAPSULES = {
 
 
 def build_scene(
-    domain: Domain,
+    domain: Task,
     *,
     timestep: float = 0.002,
     arm_collision: bool = True,
@@ -115,12 +115,12 @@ def build_scene(
     return spec
 
 
-def load_model(domain: Domain, **options) -> mujoco.MjModel:
+def load_model(domain: Task, **options) -> mujoco.MjModel:
     """The compiled scene; options as for `build_scene`."""
     return build_scene(domain, **options).compile()
 
 
-def contact_model(domain: Domain, contact: ContactModel) -> ContactModel:
+def contact_model(domain: Task, contact: ContactModel) -> ContactModel:
     """The contact definition with the frictions of the domain's object, where it is another than its own."""
     if domain.object is None:
         return contact
@@ -140,7 +140,7 @@ def surface_options(friction: float, compliance: Compliance) -> dict:
     return dict(friction=[friction, TORSION, ROLLING], solref=compliance.solref, solimp=compliance.solimp)
 
 
-def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera, contact: ContactModel, lift: float) -> None:
+def _add_surroundings(spec: mujoco.MjSpec, domain: Task, camera: Camera, contact: ContactModel, lift: float) -> None:
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
@@ -276,7 +276,7 @@ def _add_shape(
     body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[shape.radius, 0, 0], fromto=ends, **named)
 
 
-def _add_object(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) -> int:
+def _add_object(spec: mujoco.MjSpec, domain: Task, contact: ContactModel) -> int:
     """The object that the domain is played with; the number of parts that move on it."""
     half = np.asarray(domain.half_size)
     body = spec.worldbody.add_body(name=OBJECT, pos=[0.5, 0, half[2]])
@@ -306,7 +306,7 @@ def _add_object(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) -> i
     return 0 if domain.object is None else add_parts(body, domain.object, {**shape, **touching})
 
 
-def _add_supports(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) -> None:
+def _add_supports(spec: mujoco.MjSpec, domain: Task, contact: ContactModel) -> None:
     """Patches a little proud of the object's faces, on which it stands on the table (not on obstacles).
 
     A box stands on its four corners here, where a real one stands on whatever is proud of it, and turns the more easily the

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from np_description.contact.model import ContactModel
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class SceneChange:
     mass: float = 1.0
     """Factor of the object's mass and inertia."""
 
-    def domain(self, domain: Domain) -> Domain:
+    def domain(self, domain: Task) -> Task:
         """The domain with the object's true mass."""
         if self.mass == 1.0:
             return domain

@@ -14,7 +14,7 @@ import numpy as np
 
 from np_common.rotations import namespace, quaternion_from_matrix
 from np_description.camera import CAMERA
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.keypoints import CORNERS, box_keypoints
 
 _IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
@@ -41,14 +41,14 @@ def corner_orders(half_size: tuple[float, float, float]) -> np.ndarray:
 
 
 @cache
-def _upright(domain: Domain) -> np.ndarray:
+def _upright(domain: Task) -> np.ndarray:
     """Where (8, 2) the corners of the object at the identity lie about their mean, in normalised image coordinates."""
     position = np.array([0.5, 0.0, domain.half_size[2]])
     layout = CAMERA.normalise(CAMERA.project(box_keypoints(np.asarray(domain.half_size), position, _IDENTITY))[0])
     return layout - layout.mean(axis=0)
 
 
-def canonical_rotation(domain: Domain, goal_keypoints):
+def canonical_rotation(domain: Task, goal_keypoints):
     """Which of `symmetries` (...,) a policy of the domain sees the object under, for goals at normalised keypoints
     (..., 8, 2), NumPy or PyTorch: the one whose corners lie most as an upright object's do, seen by the nominal camera.
     0, the identity, where the domain's faces are not interchangeable."""
@@ -63,7 +63,7 @@ def canonical_rotation(domain: Domain, goal_keypoints):
     return ((about[..., orders, :] - upright) ** 2).sum(-1).sum(-1).argmin(-1)
 
 
-def canonicalize_keypoints(domain: Domain, keypoints, goal_keypoints):
+def canonicalize_keypoints(domain: Task, keypoints, goal_keypoints):
     """Keypoints (..., 8, k) and goal keypoints (..., 8, k), of which the first two are normalised image coordinates, in the
     order in which a policy of the domain sees them; NumPy or PyTorch."""
     orders, chosen = corner_orders(domain.half_size), canonical_rotation(domain, goal_keypoints[..., :2])

@@ -25,7 +25,7 @@ from sim2real.effects.patch import Patch
 
 from np_control.dynamics import Dynamics
 from np_description.camera import CAMERA, Camera
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints
 from np_sim_bridge.schedule import PERIOD, SECOND
 from np_sim_bridge.simulation import Measurement
@@ -76,7 +76,7 @@ def corrections(patch: Patch) -> Corrections:
 class CompensatedView:
     """Keypoints of one episode as the believed camera would show them now. domain: whose object it is."""
 
-    def __init__(self, told: Corrections, domain: Domain):
+    def __init__(self, told: Corrections, domain: Task):
         self._told, self._domain = told, domain
         self._last: tuple[int, np.ndarray] | None = None
 

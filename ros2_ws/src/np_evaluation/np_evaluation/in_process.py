@@ -18,7 +18,7 @@ from sim2real.effects.patch import Patch
 from np_control.controller import Controller
 from np_control.safety import Refusal, SafetyFilter
 from np_description.camera import CAMERA
-from np_description.domains import Domain, find_domain
+from np_description.domains import Task, find_domain
 from np_description.engine import MakeEngine
 from np_description.force_reflex import DEFAULT_MODE
 from np_description.mujoco_engine import MujocoEngine
@@ -59,7 +59,7 @@ class InProcessRollout:
 
     def __init__(
         self,
-        domain: Domain,
+        domain: Task,
         engine: str,
         *,
         seed: int = 0,
@@ -82,7 +82,7 @@ class InProcessRollout:
         self._collision = CollisionModel(domain)
 
     @property
-    def domain(self) -> Domain:
+    def domain(self) -> Task:
         """Whose episodes they are."""
         return self._domain
 
@@ -121,7 +121,7 @@ class InProcessRollout:
         view, driver = CompensatedView(self._told, self._domain), CompensatedArm(self._told)
         controller, guard = Controller(), SafetyFilter()
         guard.start(driver.read(arm.measure()).position[:7])
-        config = EpisodeConfig(self._domain, contacts=self._contacts, success_share=self._domain.aim)
+        config = EpisodeConfig(self._domain, contacts=self._contacts, success_share=self._domain.tolerance_fraction)
         episode = Episode(config, lambda: driver.read(arm.measure()).position[:7].copy())
         goal = project_keypoints(self._domain, arm.task.goal)
         _note(said, [*episode.start(), *episode.goal(0, arm.task.goal)])
@@ -173,9 +173,9 @@ class InProcessRollout:
     def _approach(self, arm: Simulation, controller: Controller, episode: Episode, now, seen, goal) -> list[Event]:
         try:
             wanted = self._pre.propose(seen, goal)
-            objekt = estimate_pose(seen, self._domain).pose
+            object_pose = estimate_pose(seen, self._domain).pose
             plan = plan_approach(
-                self._collision, now.position[:7], wanted.pose, wanted.opening, objekt, seed=self._seed
+                self._collision, now.position[:7], wanted.pose, wanted.opening, object_pose, seed=self._seed
             )
         except (PlanningError, PoseError, PolicyError) as error:
             return episode.refusal(now.stamp, str(error))
@@ -187,7 +187,7 @@ class InProcessRollout:
 class KeypointProjector:
     """The object's true corners as a patch's camera shows them, in the detector's place."""
 
-    def __init__(self, domain: Domain, patch: Patch, seed: int):
+    def __init__(self, domain: Task, patch: Patch, seed: int):
         self._domain = domain
         self._view = CameraEffects(patch, CAMERA, seed) if patch.camera.effects else None
         self._corners = OccludedKeypointBuffer(np.asarray(domain.half_size), self._view.oldest if self._view else 0.0)

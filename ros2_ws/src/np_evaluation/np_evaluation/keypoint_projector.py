@@ -9,7 +9,7 @@ from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch
 
 from np_description.camera import CAMERA
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_perception.detector import KeypointDetector
 from np_sim_bridge.renderer import Renderer, make_renderer
 from np_sim_bridge.simulation import Simulation
@@ -23,7 +23,7 @@ class DetectedKeypoints:
     where that does not fit.
     """
 
-    def __init__(self, domain: Domain, patch: Patch, seed: int, weights: str | Path = ""):
+    def __init__(self, domain: Task, patch: Patch, seed: int, weights: str | Path = ""):
         self._patch, self._seed = patch, seed
         self._detector = KeypointDetector(domain, weights)
         self._renderer: Renderer | None = None  # of the scene of the first episode: all have the same

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.weights.contract import Contract, camera_intrinsics, keypoint_order
 
 
@@ -20,6 +20,6 @@ class DetectorContract(Contract):
     """Size and intrinsics, px."""
 
     @classmethod
-    def of(cls, domain: Domain) -> DetectorContract:
+    def of(cls, domain: Task) -> DetectorContract:
         """The contract of a detector that fits the code as it is."""
         return cls(domain.name, keypoint_order(), camera_intrinsics())

@@ -13,7 +13,7 @@ import numpy as np
 import onnxruntime
 
 from np_description.camera import CAMERA
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.keypoints import COUNT
 from np_description.weights.contract import KEY
 from np_description.weights.released import WeightsError, sha256, weights_folder
@@ -37,7 +37,7 @@ class KeypointDetection:
         return np.concatenate([self.pixels, self.scores[:, None]], axis=1)
 
 
-def network_name(domain: Domain) -> str:
+def network_name(domain: Task) -> str:
     """File name, without ending, of a domain's detector in the weights folder."""
     return f"keypoint_detector_{domain.name}"
 
@@ -49,7 +49,7 @@ class KeypointDetector:
     exported from other weights than those beside it.
     """
 
-    def __init__(self, domain: Domain, folder: str | Path = "", threads: int = 1) -> None:
+    def __init__(self, domain: Task, folder: str | Path = "", threads: int = 1) -> None:
         path = weights_folder(folder) / f"{network_name(domain)}.onnx"
         if not path.is_file():
             raise WeightsError(
@@ -76,7 +76,7 @@ class KeypointDetector:
         return KeypointDetection(pixels[0].reshape(COUNT, 2), scores[0].reshape(COUNT))
 
 
-def _check(path: Path, information: dict[str, str], domain: Domain) -> None:
+def _check(path: Path, information: dict[str, str], domain: Task) -> None:
     DetectorContract.of(domain).compare(information.get(KEY), path)
     source = path.with_suffix(".safetensors")
     if source.is_file() and sha256(source) != information.get("weights_sha256"):

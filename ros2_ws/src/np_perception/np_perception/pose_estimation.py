@@ -15,7 +15,7 @@ import numpy as np
 
 from np_common.rotations import cross, matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
 from np_description.camera import CAMERA, Camera
-from np_description.domains import Box, Domain, Pose
+from np_description.domains import Box, Pose, Task
 from np_description.keypoints import CORNERS, box_keypoints
 
 FARTHEST = 3.0  # m; the camera is about 1 m from the workspace
@@ -60,7 +60,7 @@ def has_enough_keypoints(keypoints, min_score: float) -> bool:
     return keypoints is not None and bool(usable_keypoints(keypoints, min_score).sum() >= MIN_POINTS)
 
 
-def check_resting(keypoints, domain: Domain, *, min_score: float = 0.3, camera: Camera = CAMERA) -> None:
+def check_resting(keypoints, domain: Task, *, min_score: float = 0.3, camera: Camera = CAMERA) -> None:
     """Raises PoseError where an object that nobody touches rests on none of its faces by its keypoints (8, 3): where only a pose tilted by
     TILTED explains them within LIES. Then it is another object, or has other colours. What no pose explains is left to `estimate_pose`."""
     try:
@@ -74,7 +74,7 @@ def check_resting(keypoints, domain: Domain, *, min_score: float = 0.3, camera: 
         )
 
 
-def project_keypoints(domain: Domain, pose: Pose, camera: Camera = CAMERA) -> np.ndarray:
+def project_keypoints(domain: Task, pose: Pose, camera: Camera = CAMERA) -> np.ndarray:
     """Keypoints (8, 3) u px, v px, score 1 of the object at a pose: goals, for instance.
 
     Raises ValueError if a corner is not in front of the camera.
@@ -87,7 +87,7 @@ def project_keypoints(domain: Domain, pose: Pose, camera: Camera = CAMERA) -> np
 
 def estimate_pose(
     keypoints,
-    domain: Domain,
+    domain: Task,
     *,
     min_score: float = 0.3,
     max_rms: float = 4.0,
@@ -145,7 +145,7 @@ def _top(box: Box) -> float:
     return box.centre[2] + box.half_size[2]
 
 
-def _surface_below(domain: Domain, position) -> float:
+def _surface_below(domain: Task, position) -> float:
     """Height m of what lies under a position: an obstacle's top or the table."""
     return max(
         (

@@ -10,7 +10,7 @@ import numpy as np
 from np_description.camera import CAMERA, Camera
 from np_description.contact.depths import PUSHERS
 from np_description.contact.model import HARD, ContactModel
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_description.panda import (
     BASE_FRAME,
     FINGER_FORCE,
@@ -41,7 +41,7 @@ class PhysxEngine:
 
     def __init__(
         self,
-        domain: Domain,
+        domain: Task,
         *,
         substeps: int = 1,
         camera: Camera = CAMERA,

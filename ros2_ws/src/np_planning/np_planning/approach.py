@@ -76,25 +76,25 @@ def plan_approach(
     joints,
     goal: Pose,
     opening: float,
-    objekt: Pose,
+    object_pose: Pose,
     *,
     seed: int,
     config: ApproachConfig = ApproachConfig(),
 ) -> ApproachPlan:
     """Plan from joints (7,) rad to the hand pose `goal` (T_E in the base frame).
 
-    opening: of each finger, m; objekt: estimated pose of the object in the base frame. Equal arguments give equal
+    opening: of each finger, m; object_pose: estimated pose of the object in the base frame. Equal arguments give equal
     results, unless config.budget names seconds. Raises StartError, UnreachableError, or PlanningError where there is
     no path, each with the reason.
     """
     joints = np.asarray(joints, float)
-    collision.place(objekt, opening)
+    collision.place(object_pose, opening)
     hand = _Hand(collision, config)
     leave = _leave_start(hand, joints)
     reason: PlanningError | None = None
     position = np.asarray(goal.position, float)
     postures = hand.postures(position, goal.quaternion, joints, seed)
-    out = hand.penetration_retreat(postures[0], objekt, goal, opening)
+    out = hand.penetration_retreat(postures[0], object_pose, goal, opening)
     if out.any():
         position = position + out
         postures = hand.postures(position, goal.quaternion, joints, seed)
@@ -201,7 +201,7 @@ class _Hand:
         """Lower and upper joint positions (7,) of the motion: limits with their margin, unless it begins beyond that."""
         return np.min([self._lower, *postures], axis=0), np.max([self._upper, *postures], axis=0)
 
-    def penetration_retreat(self, joints, objekt: Pose, goal: Pose, opening: float) -> np.ndarray:
+    def penetration_retreat(self, joints, object_pose: Pose, goal: Pose, opening: float) -> np.ndarray:
         """The way (3,) m to where the fingers stand before the object's face as in training, along that face's normal, if the hand at
         joints (7,) rad is deeper in the object than it may be; else zeros.
 
@@ -212,7 +212,7 @@ class _Hand:
             return np.zeros(3)
         rotation = matrix_from_quaternion(goal.quaternion)
         apart, normal = finger_gap(
-            self.collision.domain, objekt.position, objekt.quaternion, goal.position, rotation, opening
+            self.collision.domain, object_pose.position, object_pose.quaternion, goal.position, rotation, opening
         )
         return max(0.0, CLEARANCE - apart) * normal
 

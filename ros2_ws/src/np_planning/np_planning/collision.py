@@ -12,7 +12,7 @@ from itertools import combinations
 import mujoco
 import numpy as np
 
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_description.panda import BASE_FRAME, NOMINAL, PandaModel
 from np_description.scene import OBJECT, OBJECT_BIT, ROBOT_BIT, build_scene
 
@@ -46,17 +46,17 @@ class CollisionModel:
     clearance m: nearest approach to surroundings and object that counts as free.
     """
 
-    def __init__(self, domain: Domain, *, clearance: float = 0.005, panda: PandaModel = NOMINAL) -> None:
+    def __init__(self, domain: Task, *, clearance: float = 0.005, panda: PandaModel = NOMINAL) -> None:
         self.domain, self.clearance, self.panda = domain, clearance, panda
         self.model = self._build()
         self.data = mujoco.MjData(self.model)
         self.checks = 0
         """Postures looked at so far; planning budgets count these instead of time."""
 
-    def place(self, objekt: Pose | None, opening: float) -> None:
+    def place(self, object_pose: Pose | None, opening: float) -> None:
         """Put the object at its pose in the base frame (None: out of the way) and open each finger by `opening` m."""
-        position = np.array([0.0, 0.0, -10.0]) if objekt is None else objekt.position
-        quaternion = np.array([1.0, 0, 0, 0]) if objekt is None else objekt.quaternion
+        position = np.array([0.0, 0.0, -10.0]) if object_pose is None else object_pose.position
+        quaternion = np.array([1.0, 0, 0, 0]) if object_pose is None else object_pose.quaternion
         self.data.qpos[7:9] = opening
         self.data.qpos[9:12], self.data.qpos[12:16] = position, quaternion
 
@@ -85,7 +85,7 @@ class CollisionModel:
         return self.model.body(body).name if body else self.model.geom(geom).name
 
     def _build(self) -> mujoco.MjModel:
-        spec = build_scene(self.domain.plain, panda=self.panda)
+        spec = build_scene(self.domain.as_rigid_box, panda=self.panda)
         for geom in spec.geoms:
             if geom.group == 1:  # robot
                 geom.contype |= _SELF_BIT

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_common.rotations import matrix_from_quaternion, namespace
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.hand import BoxShape, Shape
 from np_description.panda import NOMINAL
 
@@ -22,7 +22,7 @@ def array_like(constant, array):
     )
 
 
-def finger_gap(domain: Domain, position, quaternion, hand, rotation, opening):
+def finger_gap(domain: Task, position, quaternion, hand, rotation, opening):
     """How far (...) m the fingers of a hand are from the plane of the face before which it stands, negative beyond it; the normal
     (..., 3) of that face, which is the one that the ray from the object's centre to the hand leaves.
 
@@ -38,7 +38,7 @@ def finger_gap(domain: Domain, position, quaternion, hand, rotation, opening):
     return apart - _reach(domain, rotation, opening, -normal), normal
 
 
-def _reach(domain: Domain, rotation, opening, direction):
+def _reach(domain: Task, rotation, opening, direction):
     """How far (...) m the fingers reach along a direction (..., 3) from T_E."""
     xp, local, farthest = namespace(direction), (direction[..., None] * rotation).sum(-2), None
     for side in (1.0, -1.0):  # the second finger: half a turn about z

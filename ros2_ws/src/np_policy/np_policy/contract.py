@@ -11,7 +11,7 @@ from pathlib import Path
 
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN
 from np_description.contact.definition import contact_definition
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.panda import NOMINAL
 from np_description.weights.contract import (
     KEY,
@@ -81,7 +81,7 @@ class PolicyContract(Contract):
 
     @classmethod
     def of(
-        cls, kind: str, domain: Domain, controller: str = "impedance", policy_rate: float = action.RATE, **notes
+        cls, kind: str, domain: Task, controller: str = "impedance", policy_rate: float = action.RATE, **notes
     ) -> PolicyContract:
         """The contract of weights that fit the code as it is. Raises ValueError for an unknown kind or controller."""
         for name, value, allowed in (("kind", kind, KINDS), ("controller", controller, CONTROLLERS)):
@@ -136,7 +136,7 @@ def residual_limits(path: str | Path) -> action.ResidualLimits:
     return limits
 
 
-def weights_file(kind: str, domain: Domain, folder: str | Path = "") -> Path:
+def weights_file(kind: str, domain: Task, folder: str | Path = "") -> Path:
     """The file with the weights of a kind for a domain: .safetensors, or .onnx in a folder that has only that.
 
     folder: as for `np_description.weights.released.weights_folder`. Raises WeightsError if there is no folder.
@@ -151,7 +151,7 @@ def damping_floor(path: str | Path) -> float:
     return json.loads(policy_metadata(path)[KEY])["damping_ratio_range"][0]
 
 
-def check_weights(domain: Domain, folder: str | Path = "") -> list[str]:
+def check_weights(domain: Task, folder: str | Path = "") -> list[str]:
     """Hold the contracts of a domain's two policies against what this graph would be; the warnings. Raises WeightsError."""
     return [
         warning

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
-from np_description.domains import Domain, Pose, is_lost, is_success, pose_error
+from np_description.domains import Pose, Task, is_lost, is_success, pose_error
 from np_description.phases import ACTIVE, APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED, PhaseState
 from np_perception.pose_estimation import (
     FLOOR,
@@ -64,7 +64,7 @@ class EpisodeConfig:
     end for the arm to have arrived there.
     """
 
-    domain: Domain
+    domain: Task
     lockstep: bool = True
     policy_period: int = SECOND // 10
     pre_timeout: float = 2.0

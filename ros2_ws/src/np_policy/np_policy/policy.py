@@ -15,7 +15,7 @@ import numpy as np
 from np_common.rotations import matrix_from_quaternion, quaternion_from_matrix
 from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA, Camera
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_description.objects.choice import DEFAULT
 from np_perception.pose_estimation import (
     PoseError,
@@ -71,7 +71,7 @@ class PreContactPolicy:
     def __init__(
         self,
         file: str | Path,
-        domain: Domain,
+        domain: Task,
         *,
         min_score: float = 0.3,
         camera: Camera = CAMERA,
@@ -91,7 +91,7 @@ class PreContactPolicy:
         if self._known is None:
             return self._choose(keypoints, goal)
         try:
-            objekt, end = (
+            object_pose, end = (
                 estimate_pose(points, self._domain, min_score=self._min_score, camera=self._camera).pose
                 for points in (keypoints, goal)
             )
@@ -100,7 +100,7 @@ class PreContactPolicy:
                     canonical_object_position(self._domain, self._known, pose.position, pose.quaternion),
                     pose.quaternion,
                 )
-                for pose in (objekt, end)
+                for pose in (object_pose, end)
             )
             chosen = self._choose(*(project_keypoints(self._known, pose, self._camera) for pose in shown))
         except (PoseError, ValueError) as error:
@@ -109,7 +109,7 @@ class PreContactPolicy:
             ) from error
         hand, rotation = chosen.pose.position, matrix_from_quaternion(chosen.pose.quaternion)
         there = transfer_contact_position(
-            self._domain, self._known, objekt.position, objekt.quaternion, hand, rotation, chosen.opening
+            self._domain, self._known, object_pose.position, object_pose.quaternion, hand, rotation, chosen.opening
         )
         return replace(chosen, pose=Pose(there, chosen.pose.quaternion))
 
@@ -133,7 +133,7 @@ class PostContactPolicy:
     def __init__(
         self,
         file: str | Path,
-        domain: Domain,
+        domain: Task,
         *,
         min_score: float = 0.3,
         camera: Camera = CAMERA,
@@ -194,7 +194,7 @@ class PostContactPolicy:
         return pixels
 
 
-def _load_network(file: str | Path, kind: str, domain: Domain, contract: PolicyContract) -> Callable[..., np.ndarray]:
+def _load_network(file: str | Path, kind: str, domain: Task, contract: PolicyContract) -> Callable[..., np.ndarray]:
     if Path(file).suffix == ".onnx":
         from np_policy.onnx.session import load_network
 

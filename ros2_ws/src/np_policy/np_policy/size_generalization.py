@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from np_common.rotations import matrix_from_quaternion
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.objects.choice import DEFAULT, domain_with
 from np_planning.stand_off import CLEARANCE, array_like, finger_gap
 
@@ -27,23 +27,23 @@ def read_size_range(metadata: Mapping[str, str]) -> tuple[float, float]:
 
 
 def find_trained_domain(
-    domain: Domain, choice: str = DEFAULT, sizes: tuple[float, float] = (1.0, 1.0)
-) -> Domain | None:
-    """The domain with the box that weights know, where the object of `domain` has a size that they do not; else None. choice: the object
+    domain: Task, object_ref: str = DEFAULT, sizes: tuple[float, float] = (1.0, 1.0)
+) -> Task | None:
+    """The domain with the box that weights know, where the object of `domain` has a size that they do not; else None. object_ref: the object
     that they were trained with, as np_description.objects.choice names it; sizes: from what to what factor of its edges."""
-    known = domain_with(domain.name, choice)
+    known = domain_with(domain.name, object_ref)
     nearest = np.clip(np.mean(np.divide(domain.half_size, known.half_size)), *sizes) * np.array(known.half_size)
     return None if np.allclose(nearest, domain.half_size, rtol=0, atol=SAME) else known
 
 
-def canonical_object_position(domain: Domain, known: Domain, position, quaternion):
+def canonical_object_position(domain: Task, known: Task, position, quaternion):
     """Where (..., 3) m the centre of the known box is in place of the object: turned the same, its lowest point as high."""
     larger = array_like(np.subtract(known.half_size, domain.half_size), position)
     higher = (abs(matrix_from_quaternion(quaternion)[..., 2, :]) * larger).sum(-1)
     return position + higher[..., None] * array_like((0.0, 0.0, 1.0), position)
 
 
-def transfer_contact_position(domain: Domain, known: Domain, position, quaternion, hand, rotation, opening):
+def transfer_contact_position(domain: Task, known: Task, position, quaternion, hand, rotation, opening):
     """Where (..., 3) m T_E goes before the object at position and quaternion, chosen at `hand`, with that rotation and opening (...) m
     of each finger, for the known box in its place."""
     turn = matrix_from_quaternion(quaternion)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_policy import weights
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
 from np_policy.network_input import post_contact_input, pre_contact_input
@@ -18,7 +18,7 @@ NETWORKS = {PRE_CONTACT: PreContactNetwork, POST_CONTACT: PostContactNetwork}
 NETWORK_INPUTS = {PRE_CONTACT: pre_contact_input, POST_CONTACT: post_contact_input}
 
 
-def load_network(path: str | Path, kind: str, domain: Domain, contract: PolicyContract) -> Callable[..., np.ndarray]:
+def load_network(path: str | Path, kind: str, domain: Task, contract: PolicyContract) -> Callable[..., np.ndarray]:
     """The network as a function of what is measured, in the order of its function of `np_policy.network_input`.
 
     Raises WeightsError where the file does not fit the contract that is expected.

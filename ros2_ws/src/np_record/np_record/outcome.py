@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from np_description.domains import Domain, Pose, is_success, pose_error
+from np_description.domains import Pose, Task, is_success, pose_error
 from np_description.phases import ACTIVE, FAILED, POST, PRE, SUCCEEDED, PhaseState, first_end, split_reason
 
 
@@ -40,13 +40,13 @@ class Outcome:
         return POST if self.declared == SUCCEEDED else self.declared
 
 
-def position_only(domain: Domain) -> str:
+def position_only(domain: Task) -> str:
     """What stands beside an angle that does not count towards the domain's success, "" where it does."""
     return " (position only)" if domain.tolerance_angle is None else ""
 
 
 def score(
-    domain: Domain, said: Sequence[PhaseState], pose: Pose, goal: Pose, duration: float, early: str = ""
+    domain: Task, said: Sequence[PhaseState], pose: Pose, goal: Pose, duration: float, early: str = ""
 ) -> Outcome:
     """The outcome of an episode of which `said` was said up to its end or beyond, for an object that ended at `pose` (truth).
 

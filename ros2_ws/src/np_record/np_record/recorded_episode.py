@@ -10,7 +10,7 @@ import numpy as np
 from np_description.camera import CAMERA
 from np_description.contact.depths import PAIRS
 from np_description.contact.penetration import Penetration
-from np_description.domains import Domain, Pose, pose_error
+from np_description.domains import Pose, Task, pose_error
 from np_description.keypoints import box_keypoints
 from np_description.message_arrays import (
     image_array,
@@ -52,7 +52,7 @@ class EpisodeData:
     without one; phases: (time s, phase); counts by topic; duration s.
     """
 
-    domain: Domain
+    domain: Task
     information: dict
     position: Series
     velocity: Series
@@ -148,7 +148,7 @@ def images(recording: Recording):
         yield (message.stamp - recording.start) / SECOND, image_array(message.decode())
 
 
-def _depths(joints: Series, poses: Series, domain: Domain) -> dict[str, Series]:
+def _depths(joints: Series, poses: Series, domain: Task) -> dict[str, Series]:
     """At every true pose that has a state of its stamp; pairs that never touch are left out."""
     common, i, j = np.intersect1d(joints.time, poses.time, return_indices=True)
     penetration = Penetration(domain)
@@ -160,7 +160,7 @@ def _depths(joints: Series, poses: Series, domain: Domain) -> dict[str, Series]:
     return {pair: Series(common, np.array([row.get(pair, 0.0) for row in rows])) for pair in touching}
 
 
-def _keypoint_error(keypoints: Series, poses: Series, domain: Domain) -> Series:
+def _keypoint_error(keypoints: Series, poses: Series, domain: Task) -> Series:
     common, i, j = np.intersect1d(keypoints.time, poses.time, return_indices=True)
     corners = box_keypoints(np.asarray(domain.half_size), poses.values[j, :3], poses.values[j, 3:])
     truth = CAMERA.project(corners)[0]

@@ -16,7 +16,7 @@ from sim2real.effects.patch import Patch
 from np_control.external_force import ForceObserver
 from np_control.force_watch import ForceWatch
 from np_description.camera import CAMERA, Camera
-from np_description.domains import Domain, Pose, sample_task
+from np_description.domains import Pose, Task, sample_task
 from np_description.engine import MakeEngine
 from np_description.force_reflex import DEFAULT_MODE
 from np_description.mujoco_engine import MujocoEngine
@@ -68,7 +68,7 @@ class Simulation:
 
     def __init__(
         self,
-        domain: Domain,
+        domain: Task,
         *,
         scenario: int = 0,
         seed: int = 0,

@@ -10,7 +10,7 @@ from np_control.dynamics import Dynamics
 from np_control.kinematics import forward_kinematics
 from np_control.safety import tip_force
 from np_description.camera import CAMERA, Camera
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_perception.pose_estimation import MIN_POINTS, PoseError, estimate_pose, usable_keypoints
 from sim2real.excitation.contact_suite.suite import SuiteState
 from sim2real.excitation.contact_suite.tip import lowest_corner
@@ -30,7 +30,7 @@ class OutOfPicture(ValueError):
 class SuiteMonitor:
     """Takes keypoints and states in the order of their stamps. camera: the one that is believed in."""
 
-    def __init__(self, domain: Domain, camera: Camera = CAMERA):
+    def __init__(self, domain: Task, camera: Camera = CAMERA):
         self._domain, self._camera = domain, camera
         self._images: deque[tuple[int, np.ndarray]] = deque(maxlen=IMAGES)
         self._dynamics = Dynamics()

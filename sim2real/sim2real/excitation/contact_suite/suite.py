@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from sim2real.excitation.contact_suite import contact_motions as contacts
 from sim2real.excitation.contact_suite.tip_path import OutOfReach, join_segments, rest_segment
 from sim2real.excitation.contact_suite.workspace import RestingObject, Workspace
@@ -51,7 +51,7 @@ def check_families(only: Sequence[str]) -> None:
 Plans = Generator[list[Segment], SuiteState, None]
 
 
-def task_suite(domain: Domain, first: SuiteState, only: Sequence[str] = (), camera: Camera = CAMERA) -> Plans:
+def task_suite(domain: Task, first: SuiteState, only: Sequence[str] = (), camera: Camera = CAMERA) -> Plans:
     """Plans, one at a time: send the situation after each to get the next.
 
     only: families to make (all of FAMILIES). What is out of reach, or has no workspace, is left out. Raises ValueError for an unknown name.

@@ -8,7 +8,7 @@ import numpy as np
 
 from np_common.rotations import matrix_from_quaternion
 from np_description.camera import Camera
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_description.keypoints import CORNERS
 from sim2real.excitation.contact_suite.tip import GRIP, HOUSING, RADIUS
 
@@ -33,7 +33,7 @@ class RestingObject:
     """(3,) m, half edges."""
 
     @classmethod
-    def of(cls, domain: Domain, pose: Pose) -> RestingObject:
+    def of(cls, domain: Task, pose: Pose) -> RestingObject:
         """At a pose."""
         return cls(np.asarray(pose.position), matrix_from_quaternion(pose.quaternion), np.asarray(domain.half_size))
 
@@ -71,7 +71,7 @@ class RestingObject:
 class Workspace:
     """Where the object may go, by a domain and a camera."""
 
-    domain: Domain
+    domain: Task
     """The task's domain."""
     camera: Camera
     """The nominal camera."""

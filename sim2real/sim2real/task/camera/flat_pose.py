@@ -9,7 +9,7 @@ import numpy as np
 
 from np_common.rotations import matrix_from_vector
 from np_description.camera import Camera
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.keypoints import CORNERS
 from sim2real.task.camera.rest_poses import RestPose
 from sim2real.thresholds import THRESHOLDS
@@ -90,11 +90,11 @@ def _possible_poses(place: RestPose, camera: Camera) -> Iterator[tuple[np.ndarra
                 yield face, surface, np.array([at.real, at.imag, yaw])
 
 
-def _tops(domain: Domain) -> Sequence[float]:
+def _tops(domain: Task) -> Sequence[float]:
     return sorted({box.centre[2] + box.half_size[2] for box in domain.obstacles})
 
 
-def _surfaces(domain: Domain, at: Sequence[float]) -> list[float]:
+def _surfaces(domain: Task, at: Sequence[float]) -> list[float]:
     """Heights m of what an object at (x, y) may lie on: the table, a top that is under it, or both near the top's edge."""
     found = {0.0}
     for box in domain.obstacles:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from np_common.rotations import matrix_from_quaternion
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.keypoints import COUNT
 from np_description.panda import BASE_FRAME
 from sim2real.recordings.reading import SECOND, ContractViolation, bag_violation
@@ -30,7 +30,7 @@ class RestPose:
     """Median (8, 2) px of each corner, NaN where it is not usable."""
     error: np.ndarray
     """Standard error (8,) px of a coordinate, from scatter between images."""
-    domain: Domain
+    domain: Task
     """The object and what it may lie on."""
     position: np.ndarray | None = None
     """Position (3,) m in the base frame, measured without the camera; None where nothing measured it."""
@@ -83,7 +83,7 @@ def read_rest_poses(
     return [_add_measurement(place, rest, track, time, poses) for place, rest in find_rest_poses(track, domain)]
 
 
-def find_rest_poses(track: KeypointTrack, domain: Domain) -> list[tuple[RestPose, slice]]:
+def find_rest_poses(track: KeypointTrack, domain: Task) -> list[tuple[RestPose, slice]]:
     """Places of a track in the order of time, each with its images; rests one after the other at one place are one."""
     groups: list[list[slice]] = []
     for rest in find_rests(track):

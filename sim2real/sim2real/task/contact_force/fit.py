@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.scene import contact_model
 from sim2real.task.contact_force.readings import ForceReading
 from sim2real.thresholds import THRESHOLDS
@@ -31,7 +31,7 @@ class NominalContact:
     """Coefficient of friction of the object with a fingertip."""
 
     @classmethod
-    def of(cls, domain: Domain) -> NominalContact:
+    def of(cls, domain: Task) -> NominalContact:
         """The nominal contact of a domain."""
         contact = contact_model(domain, domain.contact)
         return cls(contact.table, domain.mass, contact.finger)

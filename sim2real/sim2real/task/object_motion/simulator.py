@@ -11,7 +11,7 @@ from np_control.dynamics import Dynamics
 from np_description.camera import CAMERA, Camera
 from np_description.contact.model import STEADY
 from np_description.control_rate import PERIOD_NS, SECOND_NS
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_description.keypoints import box_keypoints
 from np_description.mujoco_engine import MujocoEngine
 from np_description.panda import NOMINAL, PandaModel
@@ -38,7 +38,7 @@ class WindowSimulator:
 
     def __init__(
         self,
-        domain: Domain,
+        domain: Task,
         patch: Patch,
         camera: Camera = CAMERA,
         panda: PandaModel = NOMINAL,

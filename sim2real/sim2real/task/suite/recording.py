@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.phases import EXCITE
 from sim2real.excitation.contact_suite.suite import FAMILIES
 from sim2real.recordings.reading import SECOND, ContractViolation, bag_violation, load_bag
@@ -25,7 +25,7 @@ class TaskRecording:
     """Keypoints; their time 0 is at `seen_from` of the log."""
     seen_from: float
     """Time s of the first image in the log."""
-    domain: Domain
+    domain: Task
     """Nominal object, surroundings and contacts."""
     spans: dict[str, tuple[float, float]]
     """(begin, end) s of each experiment by name."""

@@ -21,7 +21,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from np_common.cli import INTERRUPTED
-from np_description.domains import Domain, Pose, goal_region, resting_pose
+from np_description.domains import Pose, Task, goal_region, resting_pose
 from np_description.message_arrays import BadMessage, stamp_nanoseconds
 from np_description.panda import BASE_FRAME
 from np_ros import qos
@@ -36,7 +36,7 @@ MARGIN = dict.fromkeys(("x", "y", "yaw"), 1e-6)  # m and rad: of rounding
 EPISODE_LIMIT = 3600.0  # s; the episode node has limits of its own for every phase
 
 
-def goal_pose(domain: Domain, x: float, y: float, yaw: float, roll_turns: int = 0, pitch_turns: int = 0) -> Pose:
+def goal_pose(domain: Task, x: float, y: float, yaw: float, roll_turns: int = 0, pitch_turns: int = 0) -> Pose:
     """The goal at x, y m with yaw rad, in the region of the domain's goals that holds it.
 
     Raises ValueError where no region does, or where it would rest on a face that policies have not been asked for.

@@ -10,7 +10,7 @@ from sensor_msgs.msg import Image, JointState
 
 from np_bringup.view.recorded import encode_image, error
 from np_bringup.view.window import Moment
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_description.drawing.scene_data import SceneData
 from np_description.message_arrays import BadMessage, image_array, joint_state_arrays, pose_arrays, stamp_nanoseconds
 from np_description.panda import BASE_FRAME, STATE_NAMES
@@ -29,7 +29,7 @@ class LiveGraph:
     meshes: as in `drawn_model`.
     """
 
-    def __init__(self, peer: GraphClient, domain: Domain, *, meshes: bool | None = None):
+    def __init__(self, peer: GraphClient, domain: Task, *, meshes: bool | None = None):
         self._scene, self._lock = SceneData(domain, meshes=meshes), threading.Lock()
         self._state: bytes | None = None  # serialized: of 500 a second the page asks for twenty
         self._pose: Pose | None = None

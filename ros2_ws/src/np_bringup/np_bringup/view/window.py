@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_description.drawing.meshes import load_visual_model
 from np_description.message_arrays import joint_state_arrays, pose_arrays
 from np_description.panda import BASE_FRAME, STATE_NAMES
@@ -40,14 +40,14 @@ class Window:
     Raises OSError where there is no display, or no OpenGL on it.
     """
 
-    def __init__(self, domain: Domain, *, meshes: bool | None = None):
+    def __init__(self, domain: Task, *, meshes: bool | None = None):
         if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             raise OSError(
                 "--window: expected a display (DISPLAY or WAYLAND_DISPLAY), there is none: leave it out for the page"
             )
         from mujoco import viewer
 
-        self._domain, self._model = domain, load_visual_model(domain.plain, meshes=meshes)
+        self._domain, self._model = domain, load_visual_model(domain.as_rigid_box, meshes=meshes)
         self._data = mujoco.MjData(self._model)
         self._joints = [self._model.joint(name).qposadr[0] for name in STATE_NAMES]
         self._body = self._model.jnt_qposadr[self._model.body(OBJECT).jntadr[0]]
@@ -85,7 +85,7 @@ class Window:
             mujoco.mjv_initGeom(scene.geoms[0], mujoco.mjtGeom.mjGEOM_BOX, size, goal.position, turn, _GOAL)
 
 
-def play(recording: Recording, domain: Domain, window: Callable[[Domain], Window] = Window) -> None:
+def play(recording: Recording, domain: Task, window: Callable[[Task], Window] = Window) -> None:
     """Play a bag at its own speed, again and again until the window is closed."""
     shown = window(domain)
     try:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import mujoco
 
 from np_description.contact.model import ContactModel
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.scene import OBJECT, load_model
 
 
-def contact_definition(domain: Domain, contact: ContactModel | None = None) -> dict[str, object]:
+def contact_definition(domain: Task, contact: ContactModel | None = None) -> dict[str, object]:
     """Cone, impratio, timestep s of the scene with the domain's own object, as it is built by default, and by partner (surroundings, arm, fingers,
     object) the friction, solref, solimp and further parameters of its geoms, each parameter once for all geoms that share it. contact: default the domain's.
     """
-    model = load_model(domain.plain, contact=contact)
+    model = load_model(domain.as_rigid_box, contact=contact)
     partners: dict[str, dict[str, list]] = {}
     for geom in range(model.ngeom):
         if not (model.geom_contype[geom] or model.geom_conaffinity[geom]):

@@ -10,7 +10,7 @@ import numpy as np
 
 from np_description.contact.depths import PAIRS
 from np_description.contact.model import ContactModel
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_description.panda import STATE_NAMES
 from np_description.scene import OBJECT, SHAFT, SUPPORT, load_model
 
@@ -18,7 +18,7 @@ from np_description.scene import OBJECT, SHAFT, SUPPORT, load_model
 class Penetration:
     """Depths of contact in a domain's scene. contact: whose shapes they are judged by; default: the domain's."""
 
-    def __init__(self, domain: Domain, contact: ContactModel | None = None):
+    def __init__(self, domain: Task, contact: ContactModel | None = None):
         self._model = load_model(domain, contact=contact)
         self._data = mujoco.MjData(self._model)
         self._joints = np.array([self._model.joint(name).qposadr[0] for name in STATE_NAMES])

@@ -16,7 +16,7 @@ from types import MappingProxyType
 import mujoco
 import numpy as np
 
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.scene import build_scene
 
 CANVAS, ALL = 0.06, 1.0  # shares of the triangles of the files
@@ -44,7 +44,7 @@ def has_meshes() -> bool:
     return _folder() is not None and importlib.util.find_spec("fast_simplification") is not None
 
 
-def load_visual_model(domain: Domain, *, meshes: bool | None = None, share: float = ALL, **options) -> mujoco.MjModel:
+def load_visual_model(domain: Task, *, meshes: bool | None = None, share: float = ALL, **options) -> mujoco.MjModel:
     """The compiled scene of a domain for who draws it; options as for `build_scene`.
 
     meshes: whether the robot looks like itself or like the shapes that collide; None: like itself where the meshes are

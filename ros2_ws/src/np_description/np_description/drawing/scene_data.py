@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_description.drawing.meshes import CANVAS, load_visual_model
 from np_description.drawing.robot import WORLD, robot_bodies, visual_shapes
 from np_description.panda import BASE_FRAME, STATE_NAMES
@@ -21,9 +21,9 @@ class SceneData:
     meshes: as in `load_visual_model`, which raises NoMeshes.
     """
 
-    def __init__(self, domain: Domain, *, meshes: bool | None = None):
+    def __init__(self, domain: Task, *, meshes: bool | None = None):
         self.domain = domain
-        self._model = load_visual_model(domain.plain, meshes=meshes, share=CANVAS)
+        self._model = load_visual_model(domain.as_rigid_box, meshes=meshes, share=CANVAS)
         self._data = mujoco.MjData(self._model)
         self._joints = [self._model.joint(name).qposadr[0] for name in STATE_NAMES]
         self.bodies = [WORLD, *robot_bodies(self._model), OBJECT, GOAL]

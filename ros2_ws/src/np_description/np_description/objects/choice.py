@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from np_description.domains import Domain, Region, find_domain
+from np_description.domains import Region, Task, find_domain
 from np_description.objects.files import SUFFIXES, ObjectError, object_text, parse_object, read_object
 from np_description.objects.spec import ObjectSpec
 from np_description.objects.table import rows_of
@@ -15,45 +15,45 @@ from np_description.objects.table import rows_of
 DEFAULT = "default"
 
 
-def find_object(domain: str, choice: str) -> ObjectSpec | None:
-    """The object that `choice` names for a domain: a row, a .yaml file, or the text of one; None for its own.
+def find_object(domain: str, object_ref: str) -> ObjectSpec | None:
+    """The object that `object_ref` names for a domain: a row, a .yaml file, or the text of one; None for its own.
 
     Raises ValueError, which an ObjectError is, for a name that is none, and for an object of another domain.
     """
-    if choice == DEFAULT:
+    if object_ref == DEFAULT:
         return None
-    if choice.lstrip().startswith("{"):
-        spec = parse_object(choice, "(text)")
-    elif choice.endswith(SUFFIXES):
-        spec = read_object(choice)
-    elif choice in (rows := rows_of(domain)):
-        return rows[choice].spec
+    if object_ref.lstrip().startswith("{"):
+        spec = parse_object(object_ref, "(text)")
+    elif object_ref.endswith(SUFFIXES):
+        spec = read_object(object_ref)
+    elif object_ref in (rows := rows_of(domain)):
+        return rows[object_ref].spec
     else:
-        raise ValueError(f"object: expected one of {', '.join(rows)}, or a .yaml file, got {choice!r}")
+        raise ValueError(f"object: expected one of {', '.join(rows)}, or a .yaml file, got {object_ref!r}")
     if spec.domain != domain:
         raise ObjectError(f"object {spec.name}: expected one of domain {domain}, got one of {spec.domain}")
     return spec
 
 
-def domain_with(name: str, choice: str = DEFAULT) -> Domain:
-    """The domain called `name`, played with the object that `choice` names. Raises what find_domain and find_object raise."""
+def domain_with(name: str, object_ref: str = DEFAULT) -> Task:
+    """The domain called `name`, played with the object that `object_ref` names. Raises what find_domain and find_object raise."""
     domain = find_domain(name)
-    spec = find_object(domain.name, choice)
+    spec = find_object(domain.name, object_ref)
     return domain if spec is None else place_object(domain, spec)
 
 
-def read_domain(information: Mapping[str, object]) -> Domain:
+def read_domain(information: Mapping[str, object]) -> Task:
     """The domain of a recording, with the object that it was played with, by what the recorder kept of the run."""
     return domain_with(str(information.get("domain", "card")), str(information.get("object", DEFAULT)))
 
 
-def embed_object_text(domain: str, choice: str) -> str:
-    """`choice` such that it means the same elsewhere: a file's content instead of its path. Raises what find_object raises."""
-    spec = find_object(domain, choice)
-    return object_text(spec) if spec is not None and choice.endswith(SUFFIXES) else choice
+def embed_object_text(domain: str, object_ref: str) -> str:
+    """`object_ref` such that it means the same elsewhere: a file's content instead of its path. Raises what find_object raises."""
+    spec = find_object(domain, object_ref)
+    return object_text(spec) if spec is not None and object_ref.endswith(SUFFIXES) else object_ref
 
 
-def object_reference(domain: Domain) -> str:
+def object_reference(domain: Task) -> str:
     """What `domain_with` makes this domain's object of, anywhere: "default", the name of a row, or the text of an object."""
     spec = domain.object
     if spec is None:
@@ -63,7 +63,7 @@ def object_reference(domain: Domain) -> str:
     return spec.name if is_row else object_text(spec)
 
 
-def place_object(domain: Domain, spec: ObjectSpec) -> Domain:
+def place_object(domain: Task, spec: ObjectSpec) -> Task:
     """The domain with this object: starts and goals beside obstacles keep the gap to them that the domain's own object has."""
     regions = [_moved(domain, region, spec) for region in (domain.start, *domain.goals)]
     return replace(
@@ -76,7 +76,7 @@ def place_object(domain: Domain, spec: ObjectSpec) -> Domain:
     )
 
 
-def _moved(domain: Domain, region: Region, spec: ObjectSpec) -> Region:
+def _moved(domain: Task, region: Region, spec: ObjectSpec) -> Region:
     """The region, away from each obstacle that it stands beside by as much as the object is larger."""
     if region.surface:
         return region

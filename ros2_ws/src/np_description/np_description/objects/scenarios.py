@@ -11,7 +11,7 @@ from math import pi
 
 import numpy as np
 
-from np_description.domains import Domain, Pose, Region, resting_pose
+from np_description.domains import Pose, Region, Task, resting_pose
 
 SCATTER = 0.002, 0.03  # m, rad, either way, where the region leaves that much
 
@@ -69,7 +69,7 @@ SCENARIOS = {
 COUNT = 3
 
 
-def fixed_task(domain: Domain, number: int, rng: np.random.Generator | None = None) -> tuple[Pose, Pose]:
+def fixed_task(domain: Task, number: int, rng: np.random.Generator | None = None) -> tuple[Pose, Pose]:
     """Start and goal of scenario 1, 2 or 3; rng: of the scatter, None for none. Raises ValueError for another number."""
     if not 1 <= number <= COUNT:
         raise ValueError(f"scenario: expected 1 to {COUNT}, got {number}")
@@ -77,7 +77,7 @@ def fixed_task(domain: Domain, number: int, rng: np.random.Generator | None = No
     return _pose(domain, scenario.start, rng), _pose(domain, scenario.goal, None)
 
 
-def _pose(domain: Domain, place: ScenarioPlace, rng: np.random.Generator | None) -> Pose:
+def _pose(domain: Task, place: ScenarioPlace, rng: np.random.Generator | None) -> Pose:
     region = domain.start if place.goal is None else domain.goals[place.goal]
     x, y = (low + share * (high - low) for (low, high), share in ((region.x, place.x), (region.y, place.y)))
     yaw = place.yaw

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from np_description.contact.model import HARD
-from np_description.domains import BUMP, CARD, DOMAINS, WALL, Domain
+from np_description.domains import BUMP, CARD, DOMAINS, WALL, Task
 from np_description.objects.spec import Contents, Friction, ObjectSpec, Softness, Surface
 
 _TRAINED = "np_description.contact: what the released weights were trained with"
@@ -58,12 +58,12 @@ TRIES = 15
 BASELINES = {"card": Baselines(11, 2), "bump": Baselines(None, 1), "wall": Baselines(None, 0)}
 
 
-def _row(domain: Domain, name: str, grams: float, surface: str, successes: int, **soft) -> TableObject:
+def _row(domain: Task, name: str, grams: float, surface: str, successes: int, **soft) -> TableObject:
     size = tuple(2 * half for half in domain.half_size)
     return TableObject(ObjectSpec(name, domain.name, size, grams / 1e3, SURFACES[surface], **soft), successes)
 
 
-def _default(domain: Domain, surface: str, successes: int) -> TableObject:
+def _default(domain: Task, surface: str, successes: int) -> TableObject:
     """The domain's own object; its mass is density times volume, which the paper rounds to grams."""
     row = _row(domain, "default", 1e3 * domain.mass, surface, successes)
     return replace(row, spec=replace(row.spec, mass=domain.mass))

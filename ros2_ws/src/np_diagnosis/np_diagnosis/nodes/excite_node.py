@@ -22,7 +22,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from np_control.safety import LIMITS
 from np_description.camera import CAMERA, Camera
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.message_arrays import BadMessage, joint_state_arrays, keypoints_array, stamp_nanoseconds
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, IDLE, PhaseState
@@ -116,7 +116,7 @@ class Exciter(SupervisedGraphClient):
         with self._at_rest_afterwards():
             return self._lead(make_suite(only, start=self._state[1]))
 
-    def run_task(self, domain: Domain, only: Sequence[str] = (), camera: Camera = CAMERA) -> list[str]:
+    def run_task(self, domain: Task, only: Sequence[str] = (), camera: Camera = CAMERA) -> list[str]:
         """Send the task suite's experiments, or some families of it, each planned once the one before is over; the segments sent. It ends
         where an experiment has moved the object out of the picture.
 

@@ -8,14 +8,14 @@ import mujoco
 import numpy as np
 
 from np_common.timing import milliseconds
-from np_description.domains import Domain, Pose, sample_task
+from np_description.domains import Pose, Task, sample_task
 from np_description.panda import NOMINAL
 from np_description.scene import load_model
 
 PERIOD = 0.002  # s
 
 
-def simulation_figures(domain: Domain, periods: int = 5000) -> dict[str, object]:
+def simulation_figures(domain: Task, periods: int = 5000) -> dict[str, object]:
     """Real-time factors of the bridge's simulation, guards included, and of bare mj_step."""
     from np_control.safety import SafetyFilter
     from np_sim_bridge.simulation import Simulation
@@ -50,7 +50,7 @@ def static_figures() -> dict[str, object]:
     return static_bench.figures(static_bench.results())
 
 
-def in_process_figures(domain: Domain, weights: str) -> dict[str, object]:
+def in_process_figures(domain: Task, weights: str) -> dict[str, object]:
     """An episode in one process, by engine: processor time of a control period, ticks and plan shared out, beside the engine's own step in it."""
     from np_evaluation.in_process import InProcessRollout
     from np_physx_bridge.library import missing
@@ -72,7 +72,7 @@ def in_process_figures(domain: Domain, weights: str) -> dict[str, object]:
     return figures
 
 
-def renderer_figures(domain: Domain, repeats: int = 30) -> dict[str, object]:
+def renderer_figures(domain: Task, repeats: int = 30) -> dict[str, object]:
     """One image by each way of drawing; they are each other's peers. None where a way does not work here."""
     from np_sim_bridge.renderer import egl_works, make_renderer
 
@@ -89,7 +89,7 @@ def renderer_figures(domain: Domain, repeats: int = 30) -> dict[str, object]:
     return figures
 
 
-def detector_figures(domain: Domain, weights: str) -> dict[str, object]:
+def detector_figures(domain: Task, weights: str) -> dict[str, object]:
     """The detector as the node runs it."""
     from np_perception.detector import IMAGE_SHAPE, KeypointDetector
 
@@ -97,7 +97,7 @@ def detector_figures(domain: Domain, weights: str) -> dict[str, object]:
     return milliseconds(lambda: detector.detect(image), 50)
 
 
-def policy_figures(domain: Domain, weights: str, repeats: int = 300) -> dict[str, object]:
+def policy_figures(domain: Task, weights: str, repeats: int = 300) -> dict[str, object]:
     """One decision of the post-contact policy, observation to gains, against its bare torch module."""
     import torch
 
@@ -125,7 +125,7 @@ def policy_figures(domain: Domain, weights: str, repeats: int = 300) -> dict[str
     return {**figures, "peer": "the torch module alone", **{f"peer_{k}": v for k, v in peer.items()}}
 
 
-def planner_figures(domain: Domain, tasks: int = 10) -> dict[str, object]:
+def planner_figures(domain: Task, tasks: int = 10) -> dict[str, object]:
     """Planning the approach to the object's top from random postures, against RRT-Connect alone."""
     from np_planning.approach import ApproachConfig, plan_approach
     from np_planning.collision import CollisionModel

@@ -22,7 +22,7 @@ from np_common.files import write_atomically
 from np_description.objects.choice import DEFAULT
 
 if TYPE_CHECKING:  # slow to import
-    from np_description.domains import Domain
+    from np_description.domains import Task
     from np_evaluation.scoring import Result
 
 LEAST = 0.5  # score of a success that had no room left
@@ -75,7 +75,7 @@ def succeeds(scores: Sequence[float]) -> list[bool]:
     return [score >= LEAST for score in scores]
 
 
-def success_margin(domain: Domain, result: Result) -> float:
+def success_margin(domain: Task, result: Result) -> float:
     """Share 0..1 of distance, angle or time, whichever is least, that an episode that succeeded has left before it would have failed."""
     left = [1 - result.distance / domain.tolerance_position, 1 - result.duration / LONGEST]
     if domain.tolerance_angle is not None:

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState, PointCloud2
 from np_control.force_watch import ForceFigures, read_figures
 from np_description.contact.depths import DepthHistogram
 from np_description.contact.penetration import Penetration
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_description.limit_share import limit_shares
 from np_description.message_arrays import joint_state_arrays, pose_arrays, stamp_nanoseconds
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
@@ -46,7 +46,7 @@ class EpisodeRunner(SupervisedGraphClient):
     def __init__(
         self,
         supervisor: Supervisor,
-        domain: Domain,
+        domain: Task,
         *,
         lockstep: bool = True,
         backend: str = "sim_bridge",

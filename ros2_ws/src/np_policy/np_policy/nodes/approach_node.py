@@ -117,10 +117,12 @@ class ApproachNode(Node):
         began = time.monotonic()
         try:
             joints = self._state.arrays()[0][:7]
-            objekt = estimate_pose(
+            object_pose = estimate_pose(
                 keypoints, self._settings.domain, min_score=self._settings.min_score, camera=self._settings.camera
             ).pose
-            plan = plan_approach(self._collision, joints, pose, opening, objekt, seed=self._seed, config=self._config)
+            plan = plan_approach(
+                self._collision, joints, pose, opening, object_pose, seed=self._seed, config=self._config
+            )
         except BadMessage as error:
             self.diagnostics.refuse(error.kind, error)
             self._publish_failure(stamp, str(error))

@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 
 from np_description.calibration import calibrated_camera
 from np_description.camera import Camera
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.message_arrays import (
     NANOSECONDS,
     BadMessage,
@@ -37,7 +37,7 @@ OLDEST_STATE = 200_000_000  # ns before the image; the clocks of a robot and a c
 class PolicySettings:
     """Parameters of every node here; policy_period ns; camera: the one that the keypoints are seen by."""
 
-    domain: Domain
+    domain: Task
     lockstep: bool
     policy_period: int
     min_score: float

@@ -65,7 +65,7 @@ class EpisodeNode(Node):
         super().__init__("episode")
         settings = declare_settings(self)
         self._domain = settings.domain
-        defaults = EpisodeConfig(settings.domain, success_share=settings.domain.aim)
+        defaults = EpisodeConfig(settings.domain, success_share=settings.domain.tolerance_fraction)
         values = {name: parameter(self, name, getattr(defaults, name), *_HELP[name]) for name in _FIELDS}
         values["silence"] = parameter(
             self,

@@ -11,7 +11,7 @@ from pathlib import Path
 import onnx
 import torch
 
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.objects.choice import DEFAULT, domain_with
 from np_description.weights.contract import KEY
 from np_description.weights.header import read_metadata
@@ -23,7 +23,7 @@ from np_policy.onnx.signature import BOX, SIGNATURE, SIGNATURES, SOURCE
 from np_policy.torch_network import NETWORKS
 
 
-def kind_and_domain(metadata: dict[str, str], file: Path) -> tuple[str, Domain]:
+def kind_and_domain(metadata: dict[str, str], file: Path) -> tuple[str, Task]:
     """Which of KINDS a policy's file is, and its domain with the object it was trained with. Raises WeightsError."""
     contract = json.loads(metadata.get(KEY, "{}"))
     if contract.get("kind") not in KINDS:

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from np_control.kinematics import forward_kinematics
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_policy import action, hand_pose
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, damping_floor, residual_limits
 from np_policy.network_input import post_contact_input, pre_contact_input
@@ -15,7 +15,7 @@ from np_policy.network_input import post_contact_input, pre_contact_input
 class PreContactGraph(nn.Module):
     """Inputs and outputs as np_policy.onnx.signature has them, float64; `file`: the weights, as for the next class."""
 
-    def __init__(self, network: nn.Module, domain: Domain, file) -> None:
+    def __init__(self, network: nn.Module, domain: Task, file) -> None:
         super().__init__()
         self.network, self._domain = network, domain
 
@@ -28,7 +28,7 @@ class PreContactGraph(nn.Module):
 class PostContactGraph(nn.Module):
     """Inputs and outputs as np_policy.onnx.signature has them, float64; the contract in `file` has the residual limits."""
 
-    def __init__(self, network: nn.Module, domain: Domain, file) -> None:
+    def __init__(self, network: nn.Module, domain: Task, file) -> None:
         super().__init__()
         self.network, self._domain = network, domain
         self._limits, self._floor = residual_limits(file), damping_floor(file)

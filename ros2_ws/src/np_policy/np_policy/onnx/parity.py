@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from np_control.kinematics import forward_kinematics
-from np_description.domains import Domain, sample_task
+from np_description.domains import Task, sample_task
 from np_description.panda import FINGER_MAX, NOMINAL
 from np_description.weights.released import WeightsError, sha256
 from np_perception.pose_estimation import project_keypoints
@@ -60,7 +60,7 @@ def check_parity(file: Path, weights: Path, steps: int = 1000, seed: int = 0) ->
     return {"steps": steps, "difference": worst, **latency, "parity": max(worst.values()) <= PARITY}
 
 
-def _draw(domain: Domain, rng: np.random.Generator) -> dict[str, np.ndarray]:
+def _draw(domain: Task, rng: np.random.Generator) -> dict[str, np.ndarray]:
     here, there = (project_keypoints(domain, pose)[:, :2] for pose in sample_task(domain, rng))
     return {
         "q": np.concatenate([NOMINAL.ready + rng.normal(0.0, 0.4, 7), rng.uniform(0, FINGER_MAX, 2)]),

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.weights.released import WeightsError
 from np_policy.onnx.runtime import open_session
 from np_policy.onnx.signature import BOX, NETWORK_OUTPUT, SIGNATURES
 
 
-def load_network(path: str | Path, kind: str, domain: Domain) -> Callable[..., np.ndarray]:
+def load_network(path: str | Path, kind: str, domain: Task) -> Callable[..., np.ndarray]:
     """The network of a checked file as a function of the graph's inputs, without the leading axis, in their order.
 
     Raises WeightsError for a file with other inputs, and for one whose order of keypoints holds for another box than the

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_description.message_arrays import gains_array, image_array, keypoints_array, pose_arrays
 from np_description.objects.choice import read_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
@@ -55,7 +55,7 @@ class EpisodeFrames:
     columns: by feature (n, numbers); images (n, height, width, 3) uint8, or none (0, ...) where no camera was recorded.
     """
 
-    domain: Domain
+    domain: Task
     success: bool
     columns: dict[str, np.ndarray]
     images: np.ndarray

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from np_common.rotations import matrix_from_quaternion
-from np_description.domains import Domain, Pose
+from np_description.domains import Pose, Task
 from np_description.drawing.scene_data import SceneData
 from np_description.panda import FINGER_MAX
 
@@ -32,7 +32,7 @@ Paint = tuple[float, Callable[[np.ndarray], None]]
 class ThirdPerson:
     """Draws a domain's scene in pictures of `size` pixels a side."""
 
-    def __init__(self, domain: Domain, size: int):
+    def __init__(self, domain: Task, size: int):
         self._data, self._size = SceneData(domain), size
         self._shapes = self._data.scene()["shapes"]
         for shape in self._shapes:

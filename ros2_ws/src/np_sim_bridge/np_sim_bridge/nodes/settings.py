@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from rclpy.node import Node
 
-from np_description.domains import Domain
+from np_description.domains import Task
 from np_description.force_reflex import DEFAULT_MODE, MODES
 from np_description.objects import scenarios
 from np_ros.node import parameter
@@ -20,7 +20,7 @@ SHAPES, MESHES = LOOKS = "shapes", "meshes"
 class BridgeSettings:
     """Parameters of a bridge, as `declare` describes them."""
 
-    domain: Domain
+    domain: Task
     """Task family with its object."""
     seed: int
     """Of tasks and sensors."""
