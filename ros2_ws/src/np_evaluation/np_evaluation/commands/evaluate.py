@@ -12,7 +12,7 @@ from pathlib import Path
 from np_bringup.backends import ENGINES
 from np_common.cli import Parser, Progress
 from np_common.parallel import workers
-from np_description.domains import DOMAINS, Domain
+from np_description.domains import DOMAINS, Task
 from np_description.objects.choice import DEFAULT, domain_with, embed_object_text
 from np_description.objects.scenarios import COUNT
 from np_description.weights.provenance import origin
@@ -149,7 +149,7 @@ def warnings_of(options: argparse.Namespace) -> list[str]:
     return [*check_weights(domain, options.weights), *size_warnings(domain, options.weights), *effects]
 
 
-def size_warnings(domain: Domain, weights: str) -> list[str]:
+def size_warnings(domain: Task, weights: str) -> list[str]:
     """A line where the object's edges differ from those that the post-contact policy was trained with."""
     from np_description.weights.header import read_metadata
     from np_policy.contract import POST_CONTACT, weights_file
