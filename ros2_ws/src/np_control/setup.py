@@ -21,6 +21,7 @@ setup(
         # executable = node name = 'np_control.nodes.<name>_node:main'
         "console_scripts": [
             "joint_impedance = np_control.nodes.joint_impedance_node:main",
+            "ros2_control = np_control.nodes.ros2_control_node:main",
         ],
     },
 )
