@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from np_common.rotations import matrix_from_vector, quaternion_from_matrix
 from np_description.domains import BUMP, CARD, DOMAINS
-from np_training.reports.words import said
+from np_training.reports.words import task_label
 from np_training.tasks.breakdown import goal_region, groups, groups_of_tasks
 from np_training.tasks.poses import Poses, quarter_tips, sample_poses, sample_tasks
 
@@ -34,9 +34,9 @@ def test_groups_are_said_in_words():
         *groups_of_tasks(BUMP, *sample_tasks(BUMP, 10, torch.Generator())),
         *groups_of_tasks(CARD, *sample_tasks(CARD, 10, torch.Generator())),
     ]
-    words = [said(name) for name in masks]
+    words = [task_label(name) for name in masks]
     assert words[:4] == ["0 quarter turns over", "1 quarter turn over", "2 quarter turns over", "goal region 0"]
-    assert "turned by up to 45 degrees" in words and said("push_far") == "push far"
+    assert "turned by up to 45 degrees" in words and task_label("push_far") == "push far"
 
 
 def test_a_domain_without_a_choice_has_no_groups():

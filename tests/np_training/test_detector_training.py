@@ -31,7 +31,7 @@ from np_training.detector.render import (
     SceneRenderer,
     corner_visibility,
 )
-from np_training.detector.scenes import STATE_SIZE, sample_states, turned
+from np_training.detector.scenes import STATE_SIZE, sample_states, tumble_objects
 from np_training.detector.train import main
 from np_training.detector.visited import load_visited, mix_visited
 
@@ -71,7 +71,7 @@ def test_states_are_finite_within_limits_and_of_many_kinds():
 
 def test_an_object_is_laid_on_any_face_as_low_as_it_was():
     states = sample_states(CARD, 256, generator())
-    laid = turned(CARD, states, 0.9, generator(1))
+    laid = tumble_objects(CARD, states, 0.9, generator(1))
     lowest = [box_keypoints(CARD.half_size, s[:, 9:12], s[:, 12:])[..., 2].min(1).values for s in (states, laid)]
     torch.testing.assert_close(*lowest, atol=1e-4, rtol=0)
     up = matrix_from_quaternion(laid[:, 12:])[:, 2]

@@ -24,8 +24,8 @@ from np_training.environment.view import BatchedView, Past
 from np_training.physics.batched import ARM, HOLD_STIFFNESS, OBJECT_POSITION, BatchedPhysics
 from np_training.physics.batched_effects import batched_effects
 from np_training.physics.batched_gravity import BatchedHold
-from np_training.physics.carried_effects import CARRIED, check_carried, load_effects
 from np_training.physics.config import PhysicsConfig
+from np_training.physics.supported_effects import SUPPORTED, check_supported, load_effects
 
 PATCH = Patch(
     (
@@ -97,7 +97,7 @@ def _a_tenth(quantity) -> float:
     return quantity.lower + 0.55 * (quantity.upper - quantity.lower) if quantity.lower < 0 else 0.1 * quantity.upper
 
 
-@pytest.mark.parametrize("effect", [name for name in CARRIED if name in ARM_EFFECTS])
+@pytest.mark.parametrize("effect", [name for name in SUPPORTED if name in ARM_EFFECTS])
 def test_an_effect_does_in_all_worlds_what_it_does_in_one_arm(effect):
     patch, rng = Patch((one_of(effect),)), np.random.default_rng(3)
     batched = batched_effects(patch, 0.002, "cpu")
@@ -164,13 +164,13 @@ def test_policies_see_what_the_sensors_say():
     assert np.abs(np.delete(off, 3, axis=1)).max() < 1e-6
 
 
-@pytest.mark.parametrize("effect", sorted(set(ARM_EFFECTS) - set(CARRIED)))
+@pytest.mark.parametrize("effect", sorted(set(ARM_EFFECTS) - set(SUPPORTED)))
 def test_everything_else_is_refused_by_name(effect):
     component = "arm" if ARM_EFFECTS[effect].target is EffectTarget.ARM else "panda_joint3"
     patch = Patch((*PATCH.effects, PatchEffect(effect, component, {ARM_EFFECTS[effect].quantities[0].name: 0.01})))
     with pytest.raises(ValueError, match=f"got {effect} at {component}"):
-        check_carried(patch)
-    with pytest.raises(ValueError, match=f"training carries {', '.join(CARRIED)}"):
+        check_supported(patch)
+    with pytest.raises(ValueError, match=f"training carries {', '.join(SUPPORTED)}"):
         PhysicsConfig(effects=patch)
 
 
@@ -294,4 +294,4 @@ class TestViewAndScene:
 
     def test_a_table_at_another_height_is_refused(self):
         with pytest.raises(ValueError, match="table_height at environment"):
-            check_carried(Patch((PatchEffect("table_height", "environment", {"height": 0.01}),)))
+            check_supported(Patch((PatchEffect("table_height", "environment", {"height": 0.01}),)))

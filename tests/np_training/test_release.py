@@ -18,7 +18,7 @@ from np_training.ppo.learner import Learner
 from np_training.ppo.log import TrainingLog, read_log
 from np_training.ppo.networks import ActorCritic
 from np_training.report import read_run, write_report
-from np_training.reports.curves import WINDOW, reached
+from np_training.reports.curves import WINDOW, find_success
 from np_training.reports.releasing import check_releasable, figure_table, release
 
 EVALUATION = {
@@ -100,11 +100,11 @@ def folder(tmp_path):
 
 def test_a_success_counts_as_reached_once_it_lasts(folder):
     rows = read_log(folder / "log.csv")
-    when = reached(rows, 0.95)
+    when = find_success(rows, 0.95)
     window = [min(k / 20, 1.0) for k in range(1, 41)]
     expected = next(k for k in range(WINDOW, 41) if np.mean(window[k - WINDOW : k]) >= 0.95)
     assert when == {"steps": 1000 * expected, "seconds": 2.0 * expected, "stage": expected // 10}
-    assert reached(rows, 1.01) is None and reached(rows[:3], 0.0) is None
+    assert find_success(rows, 1.01) is None and find_success(rows[:3], 0.0) is None
 
 
 def test_the_report_says_what_the_run_did(folder):

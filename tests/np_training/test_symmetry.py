@@ -12,7 +12,7 @@ from np_description.domains import BUMP, CARD, WALL, sample_task
 from np_description.keypoints import box_keypoints
 from np_description.symmetry import canonical_rotation, canonicalize_keypoints, corner_orders, symmetries
 from np_policy.observation import normalised_keypoints
-from np_training.environment.environment import as_seen, corners
+from np_training.environment.environment import canonical_poses, corners
 from np_training.tasks.poses import Poses
 
 
@@ -88,7 +88,7 @@ def test_training_sees_what_the_nodes_see(seed, index):
         Poses(torch.from_numpy(p.position)[None], torch.from_numpy(quaternion_multiply(p.quaternion, turn))[None])
         for p in (start, goal)
     ]
-    seen = as_seen(BUMP, *called)
+    seen = canonical_poses(BUMP, *called)
     nodes = canonicalize_keypoints(BUMP, *(pixels(BUMP, p.position, p.quaternion) for p in (start, goal)))
     for poses, expected in zip(seen, nodes):
         np.testing.assert_allclose(normalised_keypoints(corners(BUMP, poses))[0].numpy(), expected, atol=1e-9)

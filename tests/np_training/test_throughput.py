@@ -43,7 +43,7 @@ def test_the_parts_of_an_iteration_are_less_than_the_whole_and_leave_the_trainer
 
 def test_bare_physics_goes_through_the_states_of_the_rollout(trainer):
     physics, seen = trainer.environment.physics, []
-    states = measuring.visited(trainer)
+    states = measuring.record_states(trainer)
     assert len(states) == ROLLOUT
     assert not torch.equal(states[0][0], states[1][0])
     advance, physics.advance = (

@@ -42,20 +42,6 @@ WORDS = {
 }
 """Words, between underscores or capitals, that no public function or class has in its name."""
 
-ALLOWED = {
-    "np_training.bench.measuring.measured",
-    "np_training.bench.measuring.visited",
-    "np_training.detector.scenes.turned",
-    "np_training.environment.environment.as_seen",
-    "np_training.physics.carried_effects.check_carried",
-    "np_training.ppo.distillation.disturbed",
-    "np_training.reports.curves.reached",
-    "np_training.reports.words.said",
-    "np_training.tasks.poses.draw_apart",
-    "np_training.tasks.practice.scaled",
-}
-"""Functions and classes that are still to be renamed. This set only shrinks."""
-
 
 def definitions() -> list[tuple[str, ast.FunctionDef | ast.ClassDef]]:
     """Public functions and classes at the top of installed modules, with their modules."""
@@ -100,7 +86,7 @@ def shared() -> set[str]:
 
 
 def test_public_names_use_no_word_of_the_list():
-    assert unclear() - ALLOWED == set()
+    assert unclear() == set()
 
 
 def test_a_class_name_is_defined_once():

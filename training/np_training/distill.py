@@ -15,7 +15,7 @@ from np_common.cli import Parser
 from np_description.domains import DOMAINS
 from np_training.device import DEVICE_HELP, usable
 from np_training.options import duration
-from np_training.physics.carried_effects import load_effects
+from np_training.physics.supported_effects import load_effects
 from np_training.setting import OBJECT_HELP
 
 

@@ -19,8 +19,8 @@ from np_description.domains import DOMAINS
 from np_description.objects.scenarios import COUNT
 from np_description.weights.released import WeightsError
 from np_training.device import DEVICE_HELP, usable
-from np_training.physics.carried_effects import load_effects
 from np_training.physics.config import STEPPING, PhysicsConfig
+from np_training.physics.supported_effects import load_effects
 from np_training.setting import OBJECT_HELP
 from np_training.tasks.randomisation import CONDITIONS
 

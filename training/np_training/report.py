@@ -16,8 +16,8 @@ from pathlib import Path
 from np_common.cli import Parser
 from np_common.html_pages import page, svg
 from np_training.ppo.log import read_log
-from np_training.reports.curves import draw_curves, reached
-from np_training.reports.words import said
+from np_training.reports.curves import draw_curves, find_success
+from np_training.reports.words import task_label
 
 PHYSICS_STEPS = 20  # a policy step, where the configuration does not say
 
@@ -57,7 +57,7 @@ class TrainingRun:
             ("success at the end", f"{last['success']:.3f} of ended episodes, actions sampled"),
         ]
         for success in (0.5, 0.8, 0.95):
-            when = reached(self.rows, success)
+            when = find_success(self.rows, success)
             text = (
                 "not reached"
                 if when is None
@@ -90,7 +90,9 @@ def write_report(run: TrainingRun, path: Path) -> None:
     """Write the report of a run."""
     videos = [(file.stem, base64.b64encode(file.read_bytes()).decode()) for file in run.videos]
     config = json.dumps(run.config, indent=1)
-    text = page("np_training", run=run, curves=svg(draw_curves(run.rows)), videos=videos, config=config, said=said)
+    text = page(
+        "np_training", run=run, curves=svg(draw_curves(run.rows)), videos=videos, config=config, said=task_label
+    )
     path.write_text(text, encoding="utf-8")
 
 

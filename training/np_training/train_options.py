@@ -12,8 +12,8 @@ from np_description.objects.choice import DEFAULT
 from np_description.panda import FINGER_MAX
 from np_training.device import DEVICE_HELP, usable
 from np_training.options import count, duration
-from np_training.physics.carried_effects import load_effects
 from np_training.physics.config import STEPPING
+from np_training.physics.supported_effects import load_effects
 from np_training.ppo.curriculum import STAGES
 from np_training.recipe import Recipe, RecipeError, Settings, read_recipe, settings_of
 from np_training.setting import OBJECT_HELP, domain_of

@@ -71,7 +71,7 @@ def rollout(trainer: Trainer, visit: Callable[[], None] = lambda: None) -> int:
     return trainer.config.rollout
 
 
-def visited(trainer: Trainer) -> list[tuple[torch.Tensor, ...]]:
+def record_states(trainer: Trainer) -> list[tuple[torch.Tensor, ...]]:
     """Positions, velocities and commands at each period of a rollout."""
     physics, states = trainer.environment.physics, []
     rollout(
@@ -124,7 +124,7 @@ def throughput(trainer: Trainer, seconds: float) -> dict:
 
     rates = {"trainer": measure(physics, iterate, seconds)}
     rates["environment"] = measure(physics, lambda: rollout(trainer), seconds)
-    states = visited(trainer)
+    states = record_states(trainer)
     rates["bare_contact"] = measure(physics, lambda: advance_from(physics, states), seconds)
     rest(trainer.environment)
     rates["bare_free"] = measure(physics, hold, seconds)
@@ -202,7 +202,7 @@ def _wait(physics: BatchedPhysics) -> None:
     wp.synchronize_device(wp.get_device(str(physics.device)))
 
 
-def measured(arguments: argparse.Namespace) -> dict:
+def measure_throughput(arguments: argparse.Namespace) -> dict:
     """Every figure that the command line asks for, and where it was measured."""
     torch.backends.cuda.matmul.allow_tf32 = True
     trainer = make_trainer(

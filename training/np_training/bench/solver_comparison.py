@@ -12,7 +12,7 @@ import torch
 import warp as wp
 from mujoco_warp._src import solver as library
 
-from np_training.bench.measuring import advance_from, make_trainer, measure, parts, rollout, visited
+from np_training.bench.measuring import advance_from, make_trainer, measure, parts, record_states, rollout
 from np_training.bench.solver_rows import device_data, solve_in_c
 from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.episodes.episodes import run_episodes
@@ -40,7 +40,7 @@ def compare_solvers(arguments: argparse.Namespace) -> Iterator[dict]:
         physics = trainer.environment.physics
         if why := misfit(physics.model, physics.data):
             raise ValueError(f"contact {arguments.contact}: the fused solver does not fit: {why}")
-        states = visited(trainer)
+        states = record_states(trainer)
         yield {"agreement": agreement(physics)}
         yield {"divergence_mm": divergence(arguments, setups, physics, states)}
         del trainer, physics, states
@@ -136,7 +136,7 @@ def speed(trainer: Trainer, seconds: float) -> dict:
         trainer.iterate()
         return trainer.config.rollout
 
-    states = visited(trainer)
+    states = record_states(trainer)
     rates = {
         "trainer": measure(physics, iterate, seconds),
         "rollout": measure(physics, lambda: rollout(trainer), seconds),

@@ -37,10 +37,10 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0, help="for each figure")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    from np_training.bench.measuring import measured  # slow: no --help should wait for PyTorch
+    from np_training.bench.measuring import measure_throughput  # slow: no --help should wait for PyTorch
 
     arguments.device = usable(arguments.device)
-    print(json.dumps(measured(arguments)))
+    print(json.dumps(measure_throughput(arguments)))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from np_description.camera import CAMERA
 from np_description.domains import Task
 from np_training.detector.augment import Augmentation, augment
 from np_training.detector.render import Frames, SceneRenderer
-from np_training.detector.scenes import sample_states, turned
+from np_training.detector.scenes import sample_states, tumble_objects
 from np_training.detector.visited import mix_visited
 
 KEPT = 16  # batches of renderings, where each is used more than once
@@ -99,7 +99,7 @@ class ImageGenerator:
         if self.visited is not None:
             states = mix_visited(states, self.visited, self.config.visited, self.generator)
         if self.domain.obstacles:
-            states = turned(self.domain, states, self.config.turned, self.generator)
+            states = tumble_objects(self.domain, states, self.config.turned, self.generator)
         return states
 
 

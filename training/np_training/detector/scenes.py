@@ -144,7 +144,7 @@ def sample_objects(domain: Task, count: int, generator: torch.Generator, config:
     return Poses(position, quaternion)
 
 
-def turned(domain: Task, states: torch.Tensor, share: float, generator: torch.Generator) -> torch.Tensor:
+def tumble_objects(domain: Task, states: torch.Tensor, share: float, generator: torch.Generator) -> torch.Tensor:
     """`states` (n, 16), in a share of which the object lies on any of its faces, at any yaw, as low as it was.
 
     In its tasks an object lies in one way on top of an obstacle, and so it does in episodes that go well; where it has tipped otherwise a

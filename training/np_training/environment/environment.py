@@ -83,7 +83,7 @@ def force_scale(strictness: float) -> float:
     return LOOSE_FORCE ** (1 - strictness)
 
 
-def as_seen(domain: Task, objects: Poses, goals: Poses) -> tuple[Poses, Poses]:
+def canonical_poses(domain: Task, objects: Poses, goals: Poses) -> tuple[Poses, Poses]:
     """Poses of objects and goals (n,) under the names of their faces that the policies see (np_description.symmetry)."""
     if not domain.interchangeable:
         return objects, goals
@@ -175,7 +175,7 @@ class Environment:
         q = self.physics.seen_q + c.joint_noise * self._normal(self.config.worlds, 9)
         dq = self.physics.seen_dq + c.velocity_noise * self._normal(self.config.worlds, 9)
         position, rotation = forward_kinematics(q[:, ARM])
-        objects, goals = as_seen(self.domain, self.objects, self.goals)
+        objects, goals = canonical_poses(self.domain, self.objects, self.goals)
         pixels = self.view.keypoints(self._seen_corners(objects)) + self.keypoint_bias
         goal_corners = corners(self.domain, goals)
         goal_pixels = normalised_keypoints(self._by_camera(goal_corners) if c.goal_in_image else goal_corners)
@@ -207,7 +207,7 @@ class Environment:
         return points
 
     def _corners_now(self) -> torch.Tensor:
-        objects, _ = as_seen(self.domain, self.objects, self.goals)
+        objects, _ = canonical_poses(self.domain, self.objects, self.goals)
         return corners(self.domain, objects)
 
     def _normal(self, rows: int, columns: int) -> torch.Tensor:
@@ -219,7 +219,7 @@ class Environment:
         """A pool of `count` tasks with the contacts that `pre_policy.act(state, explore)` -> (action, log p) chooses."""
         conditions = self.config.conditions
         tasks = draw_tasks(self.domain, self.config.shares, count, self.generator, conditions.size)
-        state = pre_contact_state(*as_seen(self.domain, tasks.starts, tasks.goals))
+        state = pre_contact_state(*canonical_poses(self.domain, tasks.starts, tasks.goals))
         action, log_probability = pre_policy.act(state, self.config.explore)
         contacts = contact.resolve(self.domain, action, tasks.starts, tasks.sunk, self.hand)
         return self.pool(tasks, state, action, log_probability, contacts)

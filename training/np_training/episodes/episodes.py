@@ -15,14 +15,14 @@ from np_description.panda import NOMINAL
 from np_description.scene import SUPPORT_SHARE
 from np_policy.action import RESIDUAL_LIMITS_FINAL
 from np_training.environment import contact
-from np_training.environment.environment import Environment, as_seen, pre_contact_state
+from np_training.environment.environment import Environment, canonical_poses, pre_contact_state
 from np_training.physics.batched import ARM
 from np_training.physics.batched_forces import FORCE, RAW, SHARE, SPEED
 from np_training.ppo.distillation import Student
 from np_training.ppo.networks import ActorCritic
 from np_training.tasks.breakdown import groups_of_tasks
 from np_training.tasks.poses import Poses, edges, sample_tasks
-from np_training.tasks.practice import Tasks, scaled
+from np_training.tasks.practice import Tasks, scale_poses
 from np_training.tasks.randomisation import Conditions
 
 MODES = ("success", "infeasible", "broken", "lost", "stopped", "timeout")
@@ -121,7 +121,7 @@ def run_episodes(
     drawn = env.config.conditions
     if drawn.resizes:
         scale = edges(worlds, drawn.size, env.generator)
-        objects, goals = (scaled(env.domain, poses, scale) for poses in (objects, goals))
+        objects, goals = (scale_poses(env.domain, poses, scale) for poses in (objects, goals))
     feasible = _start(env, objects, goals, chooser, student)
     env.reset(everyone)
 
@@ -192,7 +192,7 @@ def _start(
     student: Student | None,
 ) -> torch.Tensor:
     """Put the contacts chosen for the tasks into the pool, all of them; returns which can be reached (n,)."""
-    state = pre_contact_state(*as_seen(env.domain, objects, goals))
+    state = pre_contact_state(*canonical_poses(env.domain, objects, goals))
     with torch.no_grad():
         action = chooser(state)
         if student is None:

@@ -8,7 +8,7 @@ from sim2real.effects.patch import Patch
 
 from np_description.contact.model import HARD, SOFT, STEADY, Compliance, ContactModel
 from np_description.domains import Task
-from np_training.physics.carried_effects import check_carried
+from np_training.physics.supported_effects import check_supported
 
 LARGEST = 1.2  # times its own size that an object may have
 
@@ -19,7 +19,7 @@ class PhysicsConfig:
     contact: how rough and how hard everything is; supports: whether the object stands on patches, for `support`; resizes: whether it
     may become larger, up to LARGEST times, for `resize`;
     fused: whether constraints are solved by np_training.physics.fused_solver where it fits, else by MuJoCo Warp's own solver;
-    effects: what the arm has besides the nominal one (np_training.physics.carried_effects)."""
+    effects: what the arm has besides the nominal one (np_training.physics.supported_effects)."""
 
     timestep: float = 0.005
     substeps: int = 20
@@ -34,7 +34,7 @@ class PhysicsConfig:
     fused: bool = True
 
     def __post_init__(self) -> None:
-        check_carried(self.effects)
+        check_supported(self.effects)
 
 
 FIRM = replace(

@@ -28,7 +28,7 @@ from np_policy.weights import load, save
 from np_training.checkpoints import read_state
 from np_training.contracts import trained_contract
 from np_training.environment import contact
-from np_training.environment.environment import as_seen, corners, pre_contact_state
+from np_training.environment.environment import canonical_poses, corners, pre_contact_state
 from np_training.environment.view import BatchedView
 from np_training.physics.config import physics_for
 from np_training.ppo.networks import PreContactActor
@@ -49,7 +49,7 @@ def student_input(
     view: BatchedView = BatchedView(),
 ) -> torch.Tensor:
     """The student's input (n, 32) for tasks seen by `view`, keypoints disturbed by Gaussian noise of a standard deviation (n, 1, 1)."""
-    return disturbed(*_keypoints(domain, objects, goals, view), noise)
+    return noisy_observation(*_keypoints(domain, objects, goals, view), noise)
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Student:
         return there, rotation, opening
 
 
-def disturbed(keypoints: torch.Tensor, goal: torch.Tensor, noise: torch.Tensor | float) -> torch.Tensor:
+def noisy_observation(keypoints: torch.Tensor, goal: torch.Tensor, noise: torch.Tensor | float) -> torch.Tensor:
     """The student's input (n, 32) for keypoints (n, 8, 2), seen with noise of a standard deviation (n, 1, 1),
     and goal keypoints (n, 8, 2)."""
     return student_observation(keypoints + noise * torch.randn_like(keypoints), goal)
@@ -99,7 +99,7 @@ def shares_with(domain: Task, practice: float) -> tuple[float, ...]:
 
 
 def _keypoints(domain: Task, objects: Poses, goals: Poses, view: BatchedView) -> tuple[torch.Tensor, torch.Tensor]:
-    seen, wanted = (corners(domain, poses) for poses in as_seen(domain, objects, goals))
+    seen, wanted = (corners(domain, poses) for poses in canonical_poses(domain, objects, goals))
     return view.keypoints(seen, is_first=True), normalised_keypoints(wanted)
 
 
@@ -134,7 +134,7 @@ def distil(
         tasks = draw_tasks(domain, shares, batch, generator, sizes)
         objects, goals = tasks.starts, tasks.goals
         with torch.no_grad():
-            chosen = teacher(pre_contact_state(*as_seen(domain, objects, goals)))
+            chosen = teacher(pre_contact_state(*canonical_poses(domain, objects, goals)))
             target = hand_pose.encode(*contact.contact_pose(domain, chosen, objects, hand))
         return *_keypoints(domain, objects, goals, view), target
 
@@ -152,7 +152,7 @@ def distil(
         rows = torch.randint(POOL * batch, (batch,), generator=generator, device=device)
         keypoints, goal, target = (tensor[rows] for tensor in pool)
         levels = KEYPOINT_NOISE * torch.rand(batch, 1, 1, generator=generator, device=device)
-        loss = (student(disturbed(keypoints, goal, levels)) - target).square().mean()
+        loss = (student(noisy_observation(keypoints, goal, levels)) - target).square().mean()
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
         optimiser.step()

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from np_common.html_pages import style
 from np_description.force_reflex import FORCE_REFLEX
 from np_training.ppo.curriculum import STAGES
-from np_training.reports.words import said
+from np_training.reports.words import task_label
 
 GROUPS = ("tips", "goal")  # of a domain's own tasks (np_training.tasks.breakdown), by the beginning of their names
 LEAST_PRACTICE = 0.05  # share of practice below which its kinds have too few episodes for a rate
@@ -25,7 +25,7 @@ def column(rows: Rows, name: str) -> np.ndarray:
     return np.array([row.get(name, np.nan) for row in rows])
 
 
-def reached(rows: Rows, success: float) -> dict[str, float] | None:
+def find_success(rows: Rows, success: float) -> dict[str, float] | None:
     """Policy steps and wall seconds after which the mean of WINDOW iterations first was at least `success`,
     or None."""
     values = column(rows, "success")
@@ -76,7 +76,7 @@ def _success(ax: Axes, rows: Rows) -> None:
         values = np.where(practised, column(rows, name), np.nan)
         label = None if number else "practice, each kind"
         ax.plot(steps, values, color="0.82", linewidth=0.6, label=label)
-    _lines(ax, rows, {"success": "all", **{name: said(name[len("success_") :]) for name in own}})
+    _lines(ax, rows, {"success": "all", **{name: task_label(name[len("success_") :]) for name in own}})
     ax.set(ylabel="success of ended episodes", ylim=(0, 1.02))
     stage = ax.twinx()
     stage.step(steps, column(rows, "stage"), color="0.5", where="post", linewidth=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-def said(group: str) -> str:
+def task_label(group: str) -> str:
     """A group of episodes (np_training.tasks.breakdown) or a kind of practice, in words."""
     kind, number = group.rstrip("0123456789"), group[len(group.rstrip("0123456789")) :]
     words = {

@@ -59,7 +59,7 @@ def sample_poses(domain: Task, region: Region, count: int, generator: torch.Gene
 
 def sample_tasks(domain: Task, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
     """(count,) starts and goals of the domain; tasks closer than its least distance are drawn again."""
-    return draw_apart(_draw, domain, count, generator)
+    return draw_distant(_draw, domain, count, generator)
 
 
 def quarter_tips(starts: Poses, goals: Poses) -> torch.Tensor:
@@ -68,7 +68,7 @@ def quarter_tips(starts: Poses, goals: Poses) -> torch.Tensor:
     return torch.round(torch.acos(up.clamp(-1, 1)) / (pi / 2)).long()
 
 
-def draw_apart(
+def draw_distant(
     draw: Callable[..., tuple[Poses, Poses]], domain: Task, count: int, generator: torch.Generator
 ) -> tuple[Poses, Poses]:
     """What `draw(domain, count, generator)` gives, with tasks closer than the domain's least distance drawn again."""

@@ -14,7 +14,7 @@ import torch
 from np_common.rotations import matrix_from_quaternion
 from np_description.domains import Task
 from np_training.tasks.kinds import Kind, height_at_rest
-from np_training.tasks.poses import Poses, draw_apart, edges, uniform
+from np_training.tasks.poses import Poses, draw_distant, edges, uniform
 from np_training.tasks.registry import find_task
 
 
@@ -53,13 +53,13 @@ def draw_tasks(
     )
     if size != (1.0, 1.0):
         scale = edges(count, size, generator)
-        starts, goals = (scaled(domain, poses, scale) for poses in (starts, goals))
+        starts, goals = (scale_poses(domain, poses, scale) for poses in (starts, goals))
     return Tasks(starts, goals, joined([p.kind for p in parts]), joined([p.sunk for p in parts]))
 
 
 def _draw_kind(domain: Task, number: int, kind: Kind, count: int, generator: torch.Generator) -> Tasks:
     if kind.apart:
-        starts, goals = draw_apart(kind.draw, domain, count, generator)
+        starts, goals = draw_distant(kind.draw, domain, count, generator)
     else:
         starts, goals = kind.draw(domain, count, generator)
     share = uniform(count, kind.lowered, generator)
@@ -76,7 +76,7 @@ def _lowered(domain: Task, poses: Poses, share: torch.Tensor) -> Poses:
     return Poses(position, poses.quaternion)
 
 
-def scaled(domain: Task, poses: Poses, scale: torch.Tensor) -> Poses:
+def scale_poses(domain: Task, poses: Poses, scale: torch.Tensor) -> Poses:
     """Where objects with edges `scale` (n, 3) times as long are in place of those at the poses: on the same surface, and beside an obstacle with the
     same gap to it."""
     longer = (scale - 1) * torch.tensor(domain.half_size).to(scale)

@@ -11,22 +11,22 @@ from pathlib import Path
 from sim2real.effects import EFFECTS
 from sim2real.effects.patch import Patch, load_patch
 
-CARRIED = tuple(effect.id for effect in EFFECTS.values() if "training" in effect.supported_in)
+SUPPORTED = tuple(effect.id for effect in EFFECTS.values() if "training" in effect.supported_in)
 
 
-def check_carried(patch: Patch) -> None:
+def check_supported(patch: Patch) -> None:
     """Raise ValueError naming the effects that no simulator carries."""
     others = sorted(
         {f"{e.effect} at {e.component}" for e in patch.effects if "training" not in e.definition.supported_in}
     )
     if others:
         raise ValueError(
-            f"effects: training carries {', '.join(CARRIED)}; expected a patch of these, got {', '.join(others)}. Take them out"
+            f"effects: training carries {', '.join(SUPPORTED)}; expected a patch of these, got {', '.join(others)}. Take them out"
         )
 
 
 def load_effects(path: str | Path | None) -> Patch:
     """The patch in a file, the nominal arm for None. Raises ValueError for what is no patch or cannot be carried."""
     patch = load_patch(path) if path else Patch()
-    check_carried(patch)
+    check_supported(patch)
     return patch
