@@ -9,6 +9,7 @@ from sim2real.checks.effort_side import convert_to_drive_side
 from sim2real.checks.plausibility import check_plausibility
 from sim2real.recordings.motor_current import current_to_torque, estimate_torque_constants, mark_as_current
 from sim2real.recordings.signals import Log
+from sim2real.recordings.speed_lag import correct_speed
 
 
 def convert_to_torques(logs: Sequence[Log], arm: Arm, effort: str | None = None, reference: int = 0) -> list[Log]:
@@ -18,6 +19,7 @@ def convert_to_torques(logs: Sequence[Log], arm: Arm, effort: str | None = None,
     `reference` logs (0: from all). Raises ContractViolation for an implausible log, ValueError where currents do not
     determine the constants.
     """
+    logs = [correct_speed(log, arm.joints) for log in logs]
     logs = [mark_as_current(log) if effort == "current" and not log.is_current else log for log in logs]
     currents = [log for log in logs[: reference or None] if log.is_current]
     if currents:

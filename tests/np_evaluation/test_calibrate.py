@@ -2,6 +2,7 @@
 
 import json
 from contextlib import closing
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -128,14 +129,7 @@ def test_a_board_that_is_not_printed_to_scale_is_refused_unless_accepted(held, t
 
 def test_too_few_views_are_refused(held):
     evidence = read_calibration_data(held, BOARD)
-    few = type(evidence)(
-        evidence.lens,
-        evidence.turn,
-        evidence.rests[:5],
-        [d for d in evidence.detections if d[0] < 5],
-        5,
-        set(),
-    )
+    few = replace(evidence, rests=evidence.rests[:5], detections=[d for d in evidence.detections if d[0] < 5], images=5)
     with pytest.raises(CalibrationRefusal, match=r"at least 8 views, got . \(5 postures at rest"):
         calibrate(few, BOARD, NOW)
 

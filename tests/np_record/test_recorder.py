@@ -188,7 +188,9 @@ def test_a_foreign_bag_is_named(tmp_path):
     with pytest.raises(BagError, match=r"expected messages on .*graph.md; it has /chatter \(std_msgs/msg/String, 1\)"):
         Recording(chatter)
     wrong = foreign(tmp_path / "b", "/joint_states", "geometry_msgs/msg/PoseStamped", serialize_message(PoseStamped()))
-    with pytest.raises(BagError, match="joint_states: expected sensor_msgs/msg/JointState, got geometry_msgs"):
+    with pytest.raises(
+        BagError, match="joint_states .geometry_msgs/msg/PoseStamped, expected sensor_msgs/msg/JointState, 1"
+    ):
         Recording(wrong)
     with pytest.raises(BagError, match="expected messages on episode/tick, effort_command; it has"):
         Recording(record(tmp_path / "c"), required=["joint_states", "episode/tick", "effort_command"])

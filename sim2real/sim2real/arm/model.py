@@ -18,6 +18,18 @@ UNLIMITED_TORQUE = 100.0  # Nm, the scale of a joint whose model states no limit
 UNLIMITED_SPEED = 10.0  # rad/s, likewise
 
 
+@dataclass(frozen=True)
+class HeldJoint:
+    """A joint of the model that is not of the arm, and that the model holds still, although it carries the arm or is carried by it."""
+
+    name: str
+    """Its name."""
+    reference: float
+    """rad or m at which it is held."""
+    load: float
+    """Nm by which a motion of 1 rad, or 1 m, changes the torques that hold the arm, at most."""
+
+
 @dataclass(frozen=True, eq=False)
 class Arm:
     """Hinges base to tip, n of them; SI units. At the reference angles each joint's frame stands in its parent link's."""
@@ -62,6 +74,8 @@ class Arm:
     """(n,) rad, resting posture."""
     name: str
     """Name of the model, which a patch states."""
+    held: tuple[HeldJoint, ...] = ()
+    """Other joints of the model that move the arm or are moved by it."""
 
     def __len__(self) -> int:
         return len(self.joints)
@@ -154,7 +168,35 @@ def arm_from_model(model: mujoco.MjModel, joints: Sequence[str], site: str | Non
         model.dof_armature[dof].copy(),
         model.qpos0[model.jnt_qposadr[index]].copy(),
         "",
+        _held_joints(model, data, index),
     )
+
+
+def _held_joints(model: mujoco.MjModel, data: mujoco.MjData, index: Sequence[int]) -> tuple[HeldJoint, ...]:
+    """Other hinges and slides between the world and the arm, or between the arm and its ends."""
+    mujoco.mj_comPos(model, data)
+    bodies = {int(model.jnt_bodyid[j]) for j in index}
+    below = {body for body in range(model.nbody) if _ancestors(model, body) & bodies}
+    above = set.union(*(_ancestors(model, body) for body in bodies))
+    found = []
+    for j in set(range(model.njnt)).difference(index):
+        body, kind = int(model.jnt_bodyid[j]), mujoco.mjtJoint(int(model.jnt_type[j]))
+        if body not in below | above or kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            continue
+        lever = data.subtree_com[body] - data.xanchor[j]
+        reach = np.linalg.norm(np.cross(data.xaxis[j], lever)) if kind == mujoco.mjtJoint.mjJNT_HINGE else 1.0
+        load = model.body_subtreemass[body] * np.linalg.norm(model.opt.gravity) * reach
+        found.append(HeldJoint(model.joint(j).name, float(model.qpos0[model.jnt_qposadr[j]]), float(load)))
+    return tuple(found)
+
+
+def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
+    """The body itself, and all that carry it."""
+    found = {body}
+    while body:
+        body = int(model.body_parentid[body])
+        found.add(body)
+    return found
 
 
 def _torque_limits(model: mujoco.MjModel, index: Sequence[int]) -> np.ndarray:

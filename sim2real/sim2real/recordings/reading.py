@@ -11,11 +11,12 @@ from typing import Protocol
 
 import numpy as np
 
-from np_control.impedance import STIFFNESS_MAX, damping
-from np_description.panda import JOINT_NAMES, STATE_NAMES
-from np_record.bag import BagError, Recording
-from np_record.bulk import BulkError, decode_message, joint_states
+from np_control.impedance import damping
+from np_description.panda import JOINT_NAMES
+from np_record.bag import BagError, Recording, TopicMessages
+from np_record.bulk import joint_positions, joint_states, names_any
 from np_record.recorded_phases import PHASE_TOPICS, phase_changes
+from sim2real.recordings.fresh_rows import find_fresh_rows
 from sim2real.recordings.signals import Commands, Log
 from sim2real.thresholds import THRESHOLDS
 
@@ -46,9 +47,10 @@ def bag_violation(path: str | Path, error: Exception) -> ContractViolation:
 
 
 class HasJoints(Protocol):
-    """An arm: anything with names of joints, base to tip."""
+    """An arm: names of joints, base to tip, and what else of its model moves (`arm.model.HeldJoint`)."""
 
     joints: tuple[str, ...]
+    held: tuple
 
 
 def load_log(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) -> Log:
@@ -64,33 +66,37 @@ def load_bag(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) 
     """The joints of a rosbag2 recording. Its torques are without gravity. Raises ContractViolation.
 
     A measured torque is the mean of the period that ends at its stamp, a command acts in the one that begins
-    there: both belong to the middle of that period. The Panda's topics keep names, order and rate of the contract; another
-    arm's messages may name further joints, in any order, at any rate of `RECORDINGS.rates`. Its controller's law is replayed
-    where `target_gains` are recorded.
+    there: both belong to the middle of that period. Messages may name further joints, in any order. The Panda's come at the rate of
+    the contract, another arm's at any of `RECORDINGS.rates`. The controller's law is replayed from the first `target_gains` on.
     """
-    joints = _names(joints)
+    joints, held = _names(joints), getattr(joints, "held", ())
     is_panda = joints == JOINT_NAMES
     name = f"bag {Path(path)}"
     try:
         with Recording(path, required=("joint_states",)) as recording:
             raw = recording.rows("joint_states", "effort_command", "motor_states", "target_gains", *PHASE_TOPICS)
-            if is_panda:
-                stamp, values = joint_states(name, "joint_states", raw["joint_states"], STATE_NAMES)
-                commanded, answers = joint_states(name, "effort_command", raw.get("effort_command"), JOINT_NAMES)
-            else:
-                stamp, values = _of_joints(name, "joint_states", raw["joint_states"], joints)
-                commanded, answers = _of_joints(name, "effort_command", raw.get("effort_command"), joints)
-            motor_stamp, motor = joint_states(name, "motor_states", raw.get("motor_states"), None)
-            gains = [_gains(name, m, len(joints)) for m in raw.get("target_gains", ())]
+            gains = [
+                (stamp, _gains(numbers, len(joints)))
+                for stamp, numbers in recording.read("target_gains", lambda message: message.data)
+            ]
+            stamp, values = joint_states(name, raw["joint_states"], joints)
+            _check_held(name, raw["joint_states"], held)
+            commanded, answers = _if_of_joints(name, raw.get("effort_command"), joints)
+            motor_stamp, motor = _if_of_joints(name, raw.get("motor_states"), joints)
             phases = phase_changes(name, raw)
-    except (BagError, BulkError) as error:
+    except BagError as error:
         raise bag_violation(path, error) from error
-    _check_times(name, stamp / SECOND, PERIOD if is_panda else None)
+    _check_order(f"{name}: joint_states", stamp / SECOND)
+    position, velocity, effort = values.transpose(1, 0, 2)
+    fresh = find_fresh_rows(position, velocity)
+    commanded, answers = _answers_of(stamp[fresh], stamp[~fresh], commanded, answers)
+    stamp, position, velocity, effort = (rows[fresh] for rows in (stamp, position, velocity, effort))
+    try:
+        _check_times(name, stamp / SECOND, PERIOD if is_panda else None)
+    except ContractViolation as error:
+        raise ContractViolation(f"{error}{_repeated(fresh)}") from error
     time = (stamp - stamp[0]) / SECOND
     period = PERIOD if is_panda else float(np.median(np.diff(time)))
-    if is_panda:
-        gains = [(-1, np.stack([STIFFNESS_MAX, np.ones_like(STIFFNESS_MAX)])), *gains]
-    position, velocity, effort = values[:, :, : len(joints)].transpose(1, 0, 2)
     return Log(
         Path(path).name,
         time,
@@ -100,29 +106,48 @@ def load_bag(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) 
         time - period / 2,
         False,
         _commands(name, stamp, time, commanded, answers, gains, period),
-        _motor(name, stamp, motor_stamp, motor, len(joints)),
+        _motor(stamp, motor_stamp, motor),
         tuple(((at - stamp[0]) / SECOND, state) for at, state in phases),
     )
 
 
-def _of_joints(name: str, topic: str, messages, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    """`joint_states` of these joints, whatever others the messages name, and in whatever order."""
-    stamp, values = joint_states(name, topic, messages, None)
-    if not messages:
-        return stamp, np.zeros((0, 3, len(joints)))
-    named = list(decode_message(f"{name}: {topic}", messages[0]).name)
-    missing = [joint for joint in joints if joint not in named]
-    if missing:
-        raise ContractViolation(f"{name}: {topic}: expected joints {', '.join(missing)}, got {', '.join(named)}")
-    return stamp, values[:, :, [named.index(joint) for joint in joints]]
+def _check_held(name: str, messages: TopicMessages, held: Sequence) -> None:
+    """Raise ContractViolation where a joint that the model holds still is recorded elsewhere, and weighs."""
+    moved = []
+    for joint in held:
+        away = float(np.abs(joint_positions(messages, joint.name) - joint.reference).max(initial=0.0))
+        if away * joint.load > RECORDINGS.held_load:
+            moved.append(f"{joint.name} (up to {away:.2g} rad or m)")
+    if moved:
+        raise ContractViolation(
+            f"{name}: expected joints that are not named to stay where the model holds them, {', '.join(moved)} did not: "
+            "name them as joints of the arm"
+        )
 
 
-def _gains(name: str, message, joints: int) -> tuple[int, np.ndarray]:
-    """(stamp ns, rows stiffness and damping ratio (2, k))."""
-    numbers = np.asarray(decode_message(f"{name}: target_gains", message).data, dtype=float)
-    if numbers.size != 2 * joints:
-        raise ContractViolation(f"{name}: target_gains: expected 2 times {joints} numbers, got {numbers.size}")
-    return message.stamp, numbers.reshape(2, joints)
+def _if_of_joints(name: str, messages: TopicMessages | None, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """`joint_states` of a topic that a recording may lack: nothing where its messages are of other joints."""
+    if not names_any(messages, joints):
+        return joint_states(name, None, joints)
+    return joint_states(name, messages, joints)
+
+
+def _repeated(fresh: np.ndarray) -> str:
+    count = int((~fresh).sum())
+    return f" ({count} of {len(fresh)} rows repeat the one before them, while the arm moves)" if count else ""
+
+
+def _gains(numbers: np.ndarray, joints: int) -> np.ndarray:
+    """Rows stiffness and damping ratio (2, k)."""
+    if len(numbers) != 2 * joints:
+        raise ValueError(f"expected 2 times {joints} numbers, got {len(numbers)}")
+    return np.asarray(numbers, dtype=float).reshape(2, joints)
+
+
+def _answers_of(kept: np.ndarray, dropped: np.ndarray, commanded: np.ndarray, answers: np.ndarray):
+    """Commands without those that answer a row which has been dropped."""
+    mine = ~np.isin(commanded, np.setdiff1d(dropped, kept))
+    return commanded[mine], answers[mine]
 
 
 def _commands(name, stamp, time, commanded, answers, gains, period) -> Commands | None:
@@ -135,6 +160,11 @@ def _commands(name, stamp, time, commanded, answers, gains, period) -> Commands 
             f"{name}: effort_command: expected the stamps of joint_states, "
             f"{len(commanded) - len(common)} of {len(commanded)} have others"
         )
+    # Of commands before the first gains nobody knows by which law they were made: most must come after, or it counts as unknown.
+    known = common >= gains[0][0] if gains else np.zeros(len(common), bool)
+    has_law = known.mean() >= RECORDINGS.with_gains
+    if has_law:
+        common, rows, answer = common[known], rows[known], answer[known]
     target, velocity, torque = answers[answer].transpose(1, 0, 2)
     stiffness, ratio = np.zeros_like(target), np.zeros_like(target)
     for at, table in gains:
@@ -148,19 +178,17 @@ def _commands(name, stamp, time, commanded, answers, gains, period) -> Commands 
         time[rows] + period / 2,
         stiffness,
         damping(stiffness, ratio),
-        has_law=bool((stiffness > 0).all()),
+        has_law=bool(has_law and (stiffness > 0).all()),
     )
 
 
-def _motor(name, stamp, motor_stamp, motor, joints) -> np.ndarray | None:
+def _motor(stamp, motor_stamp, motor) -> np.ndarray | None:
     """Motor angles at the stamps of the joint states, NaN where there is none."""
     if not len(motor_stamp):
         return None
-    if motor.shape[2] < joints:
-        raise ContractViolation(f"{name}: motor_states: expected {joints} joints")
     _, rows, found = np.intersect1d(stamp, motor_stamp, return_indices=True)
-    angles = np.full((len(stamp), joints), np.nan)
-    angles[rows] = motor[found, 0, :joints]
+    angles = np.full((len(stamp), motor.shape[2]), np.nan)
+    angles[rows] = motor[found, 0]
     return angles
 
 
@@ -195,8 +223,11 @@ def load_npz(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) 
             raise ContractViolation(f"{name}: {key}: expected shape {shape}, got {content[key].shape}")
         if not np.isfinite(content[key]).all():
             raise ContractViolation(f"{name}: {key}: expected finite numbers")
-    _check_times(name, time, None)
     position, velocity, torque = (content[key] for key in list(keys)[1:3] + list(keys)[-1:])
+    _check_order(name, time)
+    fresh = find_fresh_rows(position, velocity)
+    time, position, velocity, torque = time[fresh], position[fresh], velocity[fresh], torque[fresh]
+    _check_times(name, time, None)
     if is_current and "torque_per_ampere" in content:
         torque, is_current = torque * _per_ampere(name, content["torque_per_ampere"], joints), False
     return Log(Path(path).name, time - time[0], position, velocity, torque, time - time[0], True, is_current=is_current)

@@ -70,6 +70,8 @@ class Log:
     """Whether `torque` is the motors' current in A as yet (`recordings.motor_current`)."""
     per_ampere: np.ndarray | None = None
     """(k,) Nm/A that made a torque of a current, where they had to be estimated; NaN where the recording does not determine it."""
+    speed_lag: float = 0.0
+    """s by which the reported speed was late, in whose place `velocity` is the derivative of position."""
 
     @property
     def duration(self) -> float:

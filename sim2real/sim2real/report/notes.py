@@ -29,6 +29,11 @@ def list_notes(diagnosis: Diagnosis, tried: bool) -> list[str]:
         found.append(
             "The gains of the controller were not recorded (target_gains): errors of its law are not looked for."
         )
+    late = max((log.speed_lag for log in context.logs), default=0.0)
+    if late:
+        found.append(
+            f"The reported speeds are {1e3 * late:.0f} ms late: the derivative of the positions is taken in their place."
+        )
     if not tried and diagnosis.verdict != "no_gap":
         found.append(
             f"The patch was not tried in the closed loop ({_reason_untried(diagnosis)}): it is written as found."

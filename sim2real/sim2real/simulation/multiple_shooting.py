@@ -84,7 +84,7 @@ def cut_windows(
     parts, period = [], None
     for number, log in enumerate(logs):
         c = log.commands
-        if c is None or log.position.shape[1] != len(JOINT_NAMES):
+        if c is None or not c.has_law or log.position.shape[1] != len(JOINT_NAMES):
             continue
         log_period = float(np.median(np.diff(log.time)))
         if period is not None and abs(log_period - period) > SHOT.period_tolerance * period:

@@ -51,19 +51,16 @@ class KeypointTrack:
 
 def read_keypoint_track(path: str | Path, least_score: float = TRACK.score) -> KeypointTrack:
     """The keypoints of a rosbag2 recording. Raises ContractViolation."""
-    from np_description.message_arrays import BadMessage, keypoints_array
+    from np_description.message_arrays import keypoints_array
     from np_record.bag import BagError, MissingTopics, Recording  # slow
-    from np_record.bulk import decode_message
 
     name = f"bag {Path(path)}"
     try:
         with Recording(path, required=("keypoints",)) as recording:
-            messages = recording.rows("keypoints")["keypoints"]
-            found = np.array([keypoints_array(decode_message(f"{name}: keypoints", m)) for m in messages])
-            stamps = np.array([m.stamp for m in messages], dtype=np.int64)
+            stamps, found = (np.array(column) for column in zip(*recording.read("keypoints", keypoints_array)))
     except MissingTopics as error:
         raise ContractViolation(f"{error}{_other_suite(error.information)}") from error
-    except (BagError, BadMessage) as error:
+    except BagError as error:
         raise bag_violation(path, error) from error
     if not len(stamps):
         raise ContractViolation(f"{name}: expected keypoints, got none")

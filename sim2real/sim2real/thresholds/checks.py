@@ -30,6 +30,14 @@ class Recordings:
     """s, length of an excerpt for a quick look: two blocks of the cross-validation."""
     short: float = 45.0
     """s, total length of the excerpts: 3 to 4 s of computation on two cores."""
+    with_gains: float = 0.5
+    """Least share of commands after the first gains for which the controller's law is replayed."""
+    held_load: float = 0.1
+    """Nm by which a joint that is not named may change the torques that hold the arm: above a finger's."""
+    speed_lag: float = 0.01
+    """s by which a reported speed may lag behind its position: a Panda and a UR5 report it 5 ms late."""
+    speed_lag_error: float = 0.002
+    """s, largest standard error of a lag that is believed."""
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ KEYPOINT_FIELDS = ("u", "v", "score")
 KEYPOINT_STEP = 4 * len(KEYPOINT_FIELDS)
 FLOAT32 = 7
 """sensor_msgs/PointField.FLOAT32."""
+TURNED_CAMERA = "camera_turned"
+"""Frame of images that the camera node has turned to where the policies' camera looks; their camera_info.r is that rotation."""
 FARTHEST_PIXEL = 1e5
 """px; a hidden corner may project far outside of an image."""
 _UNIT_TOLERANCE = 1e-3
@@ -179,25 +181,47 @@ def image_array(message) -> np.ndarray:
 
 def camera_info_arrays(message) -> tuple[int, int, np.ndarray]:
     """(width px, height px, K (3, 3)) of a CameraInfo without distortion."""
-    if any(message.d):
+    lens, _ = camera_info_lens(message)
+    if any(lens.distortion):
         raise BadMessage("range", f"CameraInfo.d: expected no distortion (rectified images), got {list(message.d)}")
-    return message.width, message.height, check_finite(np.array(message.k).reshape(3, 3), "CameraInfo.k")
+    return lens.width, lens.height, lens.matrix
 
 
-def camera_info_lens(message) -> tuple[Lens, np.ndarray]:
-    """Lens of the images that come with a CameraInfo, and the rotation (3, 3) by which they were turned already."""
+def camera_info_lens(message, is_turned: bool = False) -> tuple[Lens, np.ndarray]:
+    """Lens of the images that come with a CameraInfo, and the rotation (3, 3) by which they were turned already.
+
+    k and d describe image_raw; r is a stereo rectification that is not applied to it (sensor_msgs/CameraInfo). Only our camera node
+    turns its images by r: in the frame TURNED_CAMERA, or `is_turned` in recordings of before.
+    """
     k = check_finite(np.array(message.k, dtype=np.float64).reshape(3, 3), "CameraInfo.k")
     r = check_finite(np.array(message.r, dtype=np.float64).reshape(3, 3), "CameraInfo.r")
-    d = check_finite(np.array(message.d, dtype=np.float64), "CameraInfo.d")
-    if d.any() and (message.distortion_model != "plumb_bob" or len(d) != 5):
+    if not (k[[0, 1], [0, 1]] > 0).all() or (k[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]] != (0, 0, 0, 0, 1)).any():
+        raise BadMessage("range", f"CameraInfo.k: expected a calibrated camera without skew, got {k.tolist()}")
+    roi, whole = message.roi, (0, 0, message.width, message.height)
+    cut = (roi.x_offset, roi.y_offset, roi.width or message.width, roi.height or message.height)
+    if max(message.binning_x, message.binning_y) > 1 or cut != whole:
         raise BadMessage(
             "range",
-            f"CameraInfo: expected plumb_bob with 5 coefficients, got '{message.distortion_model}' with {len(d)}",
+            f"CameraInfo: expected whole images, got binning {message.binning_x} x {message.binning_y}, roi (x, y, width, height) {cut}",
         )
-    if not np.allclose(r @ r.T, np.eye(3), rtol=0, atol=1e-6) or np.linalg.det(r) < 0:
-        raise BadMessage("range", f"CameraInfo.r: expected a rotation, got {r.tolist()}")
-    distortion = tuple(d.tolist()) if d.any() else (0.0,) * 5
+    turn = np.eye(3)
+    if is_turned or message.header.frame_id == TURNED_CAMERA:
+        if not np.allclose(r @ r.T, np.eye(3), rtol=0, atol=1e-6) or np.linalg.det(r) < 0:
+            raise BadMessage("range", f"CameraInfo.r: expected a rotation, got {r.tolist()}")
+        turn = r
     try:
-        return Lens(message.width, message.height, *k[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), distortion), r
+        return Lens(message.width, message.height, *k[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), _distortion(message)), turn
     except ValueError as error:
-        raise BadMessage("range", f"CameraInfo: {error}") from error
+        raise error if isinstance(error, BadMessage) else BadMessage("range", f"CameraInfo: {error}") from error
+
+
+def _distortion(message) -> tuple[float, ...]:
+    """k1 k2 p1 p2 k3 of a CameraInfo. A fisheye without coefficients is no pinhole: the model is looked at in any case."""
+    d, model = check_finite(np.array(message.d, dtype=np.float64), "CameraInfo.d"), message.distortion_model
+    counts = {"plumb_bob": (0, 5), "rational_polynomial": (0, 8), "": (0, 5)}.get(model, ())
+    if len(d) not in counts or d[5:].any() or (not model and d.any()):
+        raise BadMessage(
+            "range",
+            f"CameraInfo: expected plumb_bob with 5 coefficients, got '{model}' with {len(d)}: {d.tolist()}",
+        )
+    return tuple(np.resize(d[:5], 5).tolist()) if d.any() else (0.0,) * 5

@@ -3,72 +3,61 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NoReturn
 
 import numpy as np
 
-from np_record.bag import Message, TopicMessages
-from np_record.cdr import STAMP, TYPESTORE, layout, serialize
+from np_record.bag import TopicMessages
+from np_record.bag_files import BagError
+from np_record.cdr import STAMP, TYPESTORE, layout, meaningful_bytes, serialize
+from np_record.topics import TIMELINE
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _ARRAYS = ("position", "velocity", "effort")
 _SECOND = 1_000_000_000
+_KINDS = 20  # of messages that are read together; further ones are read one by one
 
 
-class BulkError(ValueError):
-    """A message that is not what its topic claims; says what was expected and what came."""
+def joint_states(bag: str, messages: TopicMessages | None, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """(times (n,) ns, values (n, 3, k): position, velocity, effort) of these joints in this order; no messages are no rows.
 
-
-def joint_states(
-    bag: str, topic: str, messages: TopicMessages | None, names: Sequence[str] | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """(stamps (n,) ns, values (n, 3, k): position, velocity, effort), of these names in this order.
-
-    names None: whatever names the first message has. No messages are no rows. Raises BulkError for other names,
-    arrays of another length, or numbers that are not finite.
+    Messages may name further joints, in any order. Those that name none of these, as a gripper's, are passed over; so is one that comes
+    twice. Raises BagError where no message has the joints, where one has a part of them, and for arrays of another length or numbers of
+    these joints that are not finite.
     """
-    if not messages:
-        return np.zeros(0, np.int64), np.zeros((0, 3, len(names or ())))
-    place = f"{bag}: {topic} at {messages[0].stamp} ns"
-    first = decode_message(place, messages[0])
-    wanted = list(first.name) if names is None else list(names)
-    _check(place, first, wanted)
-    fields = layout(JOINT_STATE, messages[0].data)
-    size = fields.itemsize
-    other = np.flatnonzero(np.fromiter(map(len, messages.data), int, len(messages)) != size)
-    if other.size:
-        _refuse(bag, topic, messages[other[0]], wanted)
-    table = np.frombuffer(b"".join(messages.data), np.uint8).reshape(len(messages), size)
-    # Same length, same bytes before the numbers, and as many of these: same names, same layout.
-    text = slice(STAMP.stop, fields.fields["position.length"][1])
-    strange = (table[:, text] != table[0, text]).any(axis=1)
-    rows = table.view(fields)[:, 0]
-    for name in _ARRAYS:
-        strange |= rows[f"{name}.length"] != len(wanted)
-    if strange.any():
-        _refuse(bag, topic, messages[int(np.argmax(strange))], wanted)
-    values = np.stack([rows[name] for name in _ARRAYS], axis=1)
-    bad = np.flatnonzero(~np.isfinite(values).all(axis=(1, 2)))
-    if bad.size:
-        _refuse(bag, topic, messages[int(bad[0])], wanted)
-    return rows["stamp.sec"].astype(np.int64) * _SECOND + rows["stamp.nanosec"], values
+    topic = f"{bag}: {messages.topic.name}" if messages else bag
+    stamps, values = _read(topic, messages, names)
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        row, part, joint = bad[0]
+        raise BagError(
+            f"{topic} at {stamps[row]} ns: JointState.{_ARRAYS[part]} of {names[joint]}: expected finite numbers, "
+            f"got {values[row, part, joint]}, and {len(bad)} such numbers in all"
+        )
+    again = np.r_[False, (np.diff(stamps) == 0) & (values[1:] == values[:-1]).all(axis=(1, 2))][: len(stamps)]
+    return stamps[~again], values[~again]
 
 
 def joint_state_rows(messages: Sequence[bytes], names: Sequence[str]) -> np.ndarray:
-    """Values (n, 3, k), position, velocity and effort of these names, of serialized messages whose names are those of the first;
-    others, and numbers that are not finite, are left out. Raises BulkError where the first lacks a name."""
-    if not messages:
-        return np.zeros((0, 3, len(names)))
-    first = TYPESTORE.deserialize_cdr(messages[0], JOINT_STATE)
-    missing = [name for name in names if name not in first.name]
-    if missing:
-        raise BulkError(f"joint states: expected {', '.join(missing)} among the names, got {', '.join(first.name)}")
-    fields = layout(JOINT_STATE, messages[0])
-    text = slice(STAMP.stop, fields.fields["position.length"][1])
-    alike = [m for m in messages if len(m) == fields.itemsize and bytes(m[text]) == bytes(messages[0][text])]
-    rows = np.frombuffer(b"".join(alike), fields)
-    values = np.stack([rows[name] for name in _ARRAYS], axis=1)[:, :, [first.name.index(name) for name in names]]
+    """Values (n, 3, k) as of `joint_states`, of serialized messages; those with a number that is not finite are left out."""
+    values = _read("joint states", TopicMessages(TIMELINE, np.arange(len(messages)), list(messages)), names)[1]
     return values[np.isfinite(values).all(axis=(1, 2))]
+
+
+def names_any(messages: TopicMessages | None, names: Sequence[str]) -> bool:
+    """Whether one of these messages names one of these joints."""
+    return bool(messages) and any(set(names) & set(named) for _, named, _ in _alike(messages.topic.name, messages))
+
+
+def joint_positions(messages: TopicMessages, name: str) -> np.ndarray:
+    """Finite positions (n,) of one joint in the messages that say one, whatever else is in them."""
+    topic = messages.topic.name
+    found = [
+        numbers[0][:, named.index(name)]
+        for _, named, numbers in _alike(topic, messages)
+        if name in named and numbers[0].shape[1] == len(named)
+    ]
+    values = np.concatenate(found) if found else np.zeros(0)
+    return values[np.isfinite(values)]
 
 
 def serialize_joint_states(
@@ -89,26 +78,49 @@ def serialize_joint_states(
         yield row.tobytes()
 
 
-def decode_message(place: str, message: Message):
-    """The message as an object. Raises BulkError where its bytes make none; place: what it is called there."""
-    try:
-        return message.decode()
-    except Exception as error:  # any of a dozen types
-        raise BulkError(f"{place}: expected a readable message, got: {error}") from error
+def _read(topic: str, messages: TopicMessages | None, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    if not messages:
+        return np.zeros(0, np.int64), np.zeros((0, 3, len(names)))
+    values, is_read = np.empty((len(messages), 3, len(names))), np.zeros(len(messages), bool)
+    seen: dict[str, None] = {}
+    for rows, named, numbers in _alike(topic, messages):
+        seen |= dict.fromkeys(named)
+        missing = [name for name in names if named.count(name) != 1]
+        if not set(names).intersection(named):
+            continue
+        place = f"{topic} at {messages.stamp[rows[0]]} ns"
+        if missing:
+            raise BagError(f"{place}: expected each joint once in a message, {', '.join(missing)} is not in {named}")
+        for part, column in zip(_ARRAYS, numbers):
+            if column.shape[1] != len(named):
+                raise BagError(f"{place}: JointState.{part}: expected shape ({len(named)},), got ({column.shape[1]},)")
+        columns = [named.index(name) for name in names]
+        values[rows] = np.stack([column[:, columns] for column in numbers], axis=1)
+        is_read[rows] = True
+    if not is_read.any():
+        raise BagError(f"{topic}: expected joints {', '.join(names)}, got {', '.join(seen) or 'none'}")
+    return messages.stamp[is_read], values[is_read]
 
 
-def _refuse(bag: str, topic: str, message: Message, names: Sequence[str]) -> NoReturn:
-    place = f"{bag}: {topic} at {message.stamp} ns"
-    _check(place, decode_message(place, message), names)
-    raise BulkError(f"{place}: expected the frame of the first message")
-
-
-def _check(place: str, message, names: Sequence[str]) -> None:
-    if list(message.name) != list(names):
-        raise BulkError(f"{place}: JointState.name: expected the names {list(names)}, got {list(message.name)}")
-    for part in _ARRAYS:
-        values = np.asarray(getattr(message, part))
-        if values.shape != (len(names),):
-            raise BulkError(f"{place}: JointState.{part}: expected shape ({len(names)},), got {values.shape}")
-        if not np.isfinite(values).all():
-            raise BulkError(f"{place}: JointState.{part}: expected finite numbers, got {values.tolist()}")
+def _alike(topic: str, messages: TopicMessages) -> Iterator[tuple[np.ndarray, list[str], list[np.ndarray]]]:
+    """Messages of the same layout together: (their rows (m,), the names, [position, velocity, effort] (m, length of each))."""
+    sizes = np.fromiter(map(len, messages.data), int, len(messages))
+    left, kinds = np.arange(len(messages)), 0
+    while left.size:
+        first = messages[left[0]]
+        try:
+            named = list(first.decode().name)
+        except BagError as error:
+            raise BagError(f"{topic.removesuffix(first.topic.name)}{error}") from error
+        kinds += 1
+        fields, says = layout(JOINT_STATE, first.data), meaningful_bytes(JOINT_STATE, first.data)
+        rows = left[sizes[left] == fields.itemsize] if kinds < _KINDS else left[:1]
+        table = np.frombuffer(b"".join(messages.data[i] for i in rows), np.uint8).reshape(len(rows), -1)
+        # Same length, same bytes before the numbers, and as many of these: same names, same layout.
+        text = STAMP.stop + np.flatnonzero(says[STAMP.stop : fields.fields["position.length"][1]])
+        same = (table[:, text] == table[0, text]).all(axis=1)
+        columns = table.view(fields)[:, 0]
+        for part in _ARRAYS:
+            same &= columns[f"{part}.length"] == columns[f"{part}.length"][0]
+        yield rows[same], named, [columns[part][same].reshape(same.sum(), -1) for part in _ARRAYS]
+        left = np.setdiff1d(left, rows[same], assume_unique=True)

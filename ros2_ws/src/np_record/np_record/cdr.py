@@ -18,6 +18,7 @@ from collections.abc import Callable
 
 import numpy as np
 from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -61,6 +62,25 @@ def header_stamp(data: bytes) -> int:
     return seconds * 1_000_000_000 + nanoseconds
 
 
+def deserialize(data: bytes, message_type: str):
+    """A serialized message as an object with the fields of its type. Raises one of many exceptions for bytes that make none.
+
+    ROS 2 leaves some bytes after messages with empty sequences, which the library takes for a part of another message.
+    """
+    try:
+        return TYPESTORE.deserialize_cdr(data, message_type)
+    except SerdeError:
+        end = _message(message_type, TYPESTORE)(bytearray(data), _ORIGIN)
+        if end >= len(data):
+            raise
+        return TYPESTORE.deserialize_cdr(data[:end], message_type)
+
+
+def to_little_endian(data: bytes, message_type: str) -> bytes:
+    """A serialized message as little-endian plain CDR, the one form that this module reads, from either byte order."""
+    return data if data[:2] != b"\x00\x00" else serialize(deserialize(data, message_type))
+
+
 def serialize(message) -> bytes:
     """The bytes of a message made of the classes of TYPESTORE."""
     return TYPESTORE.serialize_cdr(message, message.__msgtype__)
@@ -85,6 +105,24 @@ def layout(message_type: str, data: bytes, typestore: Typestore = TYPESTORE) -> 
         formats += ["<u4", (number, (count,))]
         offsets += [begin, position - count * number.itemsize]
     return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(data)})
+
+
+def meaningful_bytes(message_type: str, data: bytes, typestore: Typestore = TYPESTORE) -> np.ndarray:
+    """Which bytes (n,) bool of a serialized message are not padding. Expects little-endian bytes that can be deserialized."""
+    walked = _Touched(data)
+    walked.touched = np.zeros(len(data), bool)
+    end = _message(message_type, typestore)(walked, _ORIGIN)
+    walked.touched[end:] = True
+    return ~walked.touched
+
+
+class _Touched(bytearray):
+    """Bytes that remember which of them a walk has zeroed."""
+
+    touched: np.ndarray
+
+    def __setitem__(self, place, value) -> None:
+        self.touched[place] = True
 
 
 def padding_filter(message_type: str, typestore: Typestore = TYPESTORE) -> Callable[[bytes], bytes]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,6 @@ from np_description.domains import Pose, Task, pose_error
 from np_description.keypoints import box_keypoints
 from np_description.message_arrays import (
     image_array,
-    joint_state_arrays,
     keypoints_array,
     pose_arrays,
     wrench_array,
@@ -22,8 +21,9 @@ from np_description.message_arrays import (
 from np_description.objects.choice import read_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.phases import PRE, PhaseState
-from np_record.bag import BagError, Message, Recording
+from np_record.bag import BagError, Recording
 from np_record.bag_writer import INCOMPLETE
+from np_record.bulk import joint_states
 from np_record.outcome import Outcome, score
 from np_record.recorded_phases import PHASE_TOPICS, phase_changes
 
@@ -76,37 +76,31 @@ class EpisodeData:
 
 def load_episode(recording: Recording) -> EpisodeData:
     """The first episode of a recording. Raises BagError where what a report needs is missing."""
-    start = recording.start
-    topics = (
-        "joint_states",
-        "effort_command",
-        "object_pose",
-        "keypoints",
-        "goal_pose",
-        "external_wrench",
-        *PHASE_TOPICS,
-    )
-    collected: dict[str, list[Message]] = {name: [] for name in topics}
-    for message in recording.messages(*collected):
-        collected[message.topic.name].append(message)
+    start, where = recording.start, f"bag {recording.path}"
     for name in ("joint_states", "object_pose", "goal_pose"):
-        if not collected[name]:
-            raise BagError(f"bag {recording.path}: expected messages on {name} for a report, it has none")
+        if not recording.counts.get(name):
+            raise BagError(f"{where}: expected messages on {name} for a report, it has none")
+    joints = recording.rows("joint_states", "effort_command")
 
-    def series(name, read, shape):
-        rows = [(message.stamp, read(message.decode())) for message in collected[name]]
-        values = np.array([value for _, value in rows], float).reshape(len(rows), *shape)
-        return Series(np.array([stamp - start for stamp, _ in rows], float) / SECOND, values)
+    def seconds(stamps) -> np.ndarray:
+        return (np.asarray(stamps, np.int64) - start) / SECOND
 
-    states = series("joint_states", lambda m: joint_state_arrays(m, STATE_NAMES), (3, 9))
-    commands = series("effort_command", lambda m: joint_state_arrays(m, JOINT_NAMES), (3, 7))
+    def joint_series(name: str, names: Sequence[str]) -> Series:
+        stamps, values = joint_states(where, joints.get(name), names)
+        return Series(seconds(stamps), values)
+
+    def series(name: str, read: Callable, shape: tuple[int, ...]) -> Series:
+        rows = [*recording.read(name, read)]
+        return Series(seconds([at for at, _ in rows]), np.array([v for _, v in rows], float).reshape(len(rows), *shape))
+
+    states, commands = joint_series("joint_states", STATE_NAMES), joint_series("effort_command", JOINT_NAMES)
     poses = series("object_pose", lambda m: np.concatenate(pose_arrays(m, BASE_FRAME)), (7,))
     wrench = series("external_wrench", lambda m: wrench_array(m, BASE_FRAME), (6,))
     keypoints = series("keypoints", keypoints_array, (8, 3))
-    domain = read_domain(recording.information)
-    goal = Pose(*pose_arrays(collected["goal_pose"][0].decode(), BASE_FRAME))
+    domain = recorded_domain(recording)
+    goal = Pose(*next(recording.read("goal_pose", lambda m: pose_arrays(m, BASE_FRAME)))[1])
     distance, angle = pose_error(poses.values[:, :3], poses.values[:, 3:], goal.position, goal.quaternion)
-    changes = phase_changes(f"bag {recording.path}", collected)
+    changes = phase_changes(where, recording.rows(*PHASE_TOPICS))
     phases = [((stamp - start) / SECOND, state) for stamp, state in changes]
     said = [state for _, state in phases]
     began = next((number for number, state in enumerate(said) if state.phase == PRE), 0)
@@ -136,6 +130,15 @@ def load_episode(recording: Recording) -> EpisodeData:
     )
 
 
+def recorded_domain(recording: Recording) -> Domain:
+    """The domain that a recording says it is of. Raises BagError."""
+    try:
+        return read_domain(recording.information)
+    except ValueError as error:
+        said = str(error)
+        raise BagError(said if said.startswith("bag ") else f"bag {recording.path}: run_info: {said}") from error
+
+
 def _early_end(recording: Recording) -> str:
     """Why the recording ends before its episode, where it knows."""
     why = recording.information.get(INCOMPLETE)
@@ -144,8 +147,8 @@ def _early_end(recording: Recording) -> str:
 
 def images(recording: Recording):
     """(time s, pixels (height, width, 3) uint8) of the recorded images, one after the other."""
-    for message in recording.messages("camera/image_raw"):
-        yield (message.stamp - recording.start) / SECOND, image_array(message.decode())
+    for stamp, pixels in recording.read("camera/image_raw", image_array):
+        yield (stamp - recording.start) / SECOND, pixels
 
 
 def _depths(joints: Series, poses: Series, domain: Task) -> dict[str, Series]:

@@ -13,7 +13,7 @@ from bisect import bisect_right
 from collections.abc import Callable
 
 from np_record.cdr import header_stamp, padding_filter
-from np_record.topics import TIMELINE, TOPICS, Topic
+from np_record.topics import RANK, TIMELINE, TOPICS, Topic
 
 HORIZON = 3_000_000_000
 """ns of the recorded clock for which a message may be overtaken: a second more than lockstep goes on while one is sent again."""
@@ -34,7 +34,6 @@ class Sequencer:
         self._begin_at = begin_at
         self._begin = 0
         self._filters = {topic: padding_filter(topic.type) for topic in TOPICS}
-        self._rank = {topic: i for i, topic in enumerate(TOPICS)}
         self._published: list[int] = []  # the timeline: when joint states were published, by the wall, ...
         self._stamps: list[int] = []  # ... and their stamps
         self._unstamped: list[tuple[int, Topic, bytes]] = []
@@ -91,7 +90,7 @@ class Sequencer:
         if topic is self._begin_at:
             self._begin, self._begin_at = stamp, None
         self._arrivals += 1
-        heapq.heappush(self._heap, (stamp, self._rank[topic], self._arrivals, topic, data))
+        heapq.heappush(self._heap, (stamp, RANK[topic], self._arrivals, topic, data))
 
     def _pop(self) -> None:
         stamp, _, _, topic, data = heapq.heappop(self._heap)

@@ -14,7 +14,7 @@ import numpy as np
 
 from np_description.phases import IDLE, PRE
 from np_record.bag import BagError, Message, Recording
-from np_record.cdr import TYPESTORE
+from np_record.cdr import deserialize
 from np_record.recorded_phases import phase_of
 from np_record.topics import BY_NAME
 from np_ros.processes.policy_path import policy_path_nodes
@@ -144,14 +144,14 @@ class ReplayComparison:
         """A message that came although none was recorded."""
         self.received[name] += 1
         if self.first is None:
-            decoded = TYPESTORE.deserialize_cdr(got, BY_NAME[name].type)
+            decoded = deserialize(got, BY_NAME[name].type)
             self.first = Difference(name, self.expected[name], stamp, f"expected no message, got {decoded}"[:300])
 
 
 def describe_difference(message_type: str, expected: bytes, got: bytes) -> str:
     """The first field that differs between two serialized messages, with both values."""
     try:
-        pair = [TYPESTORE.deserialize_cdr(data, message_type) for data in (expected, got)]
+        pair = [deserialize(data, message_type) for data in (expected, got)]
     except Exception as error:  # whatever broken bytes lead to
         return f"expected a readable {message_type}, got one that is not: {error}"
     return _first_difference(*pair, "") or "expected the same bytes, got others for equal fields"

@@ -54,3 +54,6 @@ FORMER = (
 
 BY_NAME = {topic.name: topic for topic in (*TOPICS, *FORMER)}
 TIMELINE = BY_NAME["joint_states"]
+RANK = {topic: number for number, topic in enumerate(TOPICS)}
+"""Place of a topic in the causal order; a former one has that of the topic which has replaced it."""
+RANK |= {former: RANK[BY_NAME[f"episode/{former.name}"]] for former in FORMER}

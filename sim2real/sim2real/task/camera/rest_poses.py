@@ -64,18 +64,18 @@ def read_rest_poses(
     calibration: file of the camera that is believed in, without which a recording that was made with one is refused; measured: with the
     poses of `object_pose`, where it has them. Raises ContractViolation.
     """
-    from np_description.message_arrays import BadMessage, pose_arrays
-    from np_description.objects.choice import read_domain
+    from np_description.message_arrays import pose_arrays
     from np_record.bag import BagError, Recording  # slow
+    from np_record.recorded_episode import recorded_domain
 
     name, track = f"bag {path}", track or read_keypoint_track(path)
     try:
         with Recording(path, required=("keypoints",)) as recording:
-            domain, used = read_domain(recording.information), recording.information.get("calibration", "")
+            domain, used = recorded_domain(recording), recording.information.get("calibration", "")
             first = recording.rows("keypoints")["keypoints"][0].stamp
-            rows = recording.rows("object_pose").get("object_pose", ()) if measured else ()
-            poses = [(m.stamp, *pose_arrays(m.decode(), BASE_FRAME)) for m in rows]
-    except (BagError, BadMessage, ValueError) as error:
+            rows = recording.read("object_pose", lambda m: pose_arrays(m, BASE_FRAME)) if measured else ()
+            poses = [(stamp, *pose) for stamp, pose in rows]
+    except BagError as error:
         raise bag_violation(path, error) from error
     if used and not calibration:
         raise ContractViolation(f"{name}: expected the calibration that it was made with, {used}, got none")

@@ -60,15 +60,15 @@ class NotATaskSuite(ContractViolation):
 
 def read_task(path: str | Path) -> TaskRecording:
     """A rosbag2 recording of the task suite. Raises NoSuite for one of something else, ContractViolation."""
-    from np_description.objects.choice import read_domain
     from np_record.bag import BagError, Recording  # slow
+    from np_record.recorded_episode import recorded_domain
 
     log, track = load_bag(path), read_keypoint_track(path)
     try:
         with Recording(path, required=("joint_states", "keypoints")) as recording:
-            domain = read_domain(recording.information)
+            domain = recorded_domain(recording)
             first, first_image = (recording.rows(topic)[topic][0].stamp for topic in ("joint_states", "keypoints"))
-    except (BagError, ValueError) as error:
+    except BagError as error:
         raise bag_violation(path, error) from error
     spans = spans_of(log)
     if not spans:

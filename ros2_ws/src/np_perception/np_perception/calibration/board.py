@@ -46,7 +46,9 @@ class Board(BoardLayout):
 
     @cached_property
     def _board(self):
-        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, self._dictionary)
+        board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, self._dictionary)
+        board.setLegacyPattern(self.is_legacy)
+        return board
 
     @cached_property
     def _detector(self):

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from np_control.kinematics import forward_kinematics
 from np_description.calibration import Lens
-from np_description.message_arrays import BadMessage, camera_info_lens, image_array, joint_state_arrays
-from np_description.panda import STATE_NAMES
+from np_description.message_arrays import image_array
+from np_description.panda import JOINT_NAMES
 from np_perception.calibration.board import Board, BoardDetection, undistort
 from np_perception.calibration.bundle import BoardView
+from np_perception.camera.recorded_lens import recorded_lenses
 from np_record.bag import Recording
+from np_record.bulk import joint_states
 
 RESTING = 0.01  # rad/s, of every joint
 REST_BEFORE = 0.3  # s without movement before a posture counts: the mount stops swinging
@@ -38,17 +40,24 @@ class StillPosture:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationData:
-    """What a recording shows. lens: of its images; turn (3, 3): by which they had been turned; rests;
-    detections with the rest, by number, at which each was made; images: how many were looked at; markers:
-    numbers of all markers seen.
-    """
+    """What a recording shows."""
 
     lens: Lens
+    """Of its images."""
     turn: np.ndarray
+    """Rotation (3, 3) by which they had been turned."""
     rests: list[StillPosture]
+    """Postures at which the arm rested."""
     detections: list[tuple[int, BoardDetection]]
+    """Number of the rest, and what was found in an image taken then."""
     images: int
+    """How many images were looked at: those taken while the arm rested."""
     markers: set[int]
+    """Numbers of all markers seen."""
+    taken: np.ndarray
+    """Stamps (n,) ns of all images."""
+    is_legacy: bool
+    """Whether the board is of OpenCV's layout before 4.6."""
 
 
 def find_still_postures(stamps: np.ndarray, positions: np.ndarray, velocities: np.ndarray) -> list[StillPosture]:
@@ -77,44 +86,40 @@ def read_calibration_data(
 ) -> CalibrationData:
     """Look for the board in the images that were taken while the arm rested.
 
-    Raises BagError for a recording that is broken or lacks a topic, CalibrationRefusal for messages that mean
-    nothing.
+    A board of OpenCV's layout before 4.6, which begins with a white square where it has an even number of rows, is looked for too.
+    Raises BagError for a recording that is broken, lacks a topic or has messages that mean nothing; CalibrationRefusal for a camera that
+    changes.
     """
     with Recording(path, required=("joint_states", "camera/image_raw", "camera/camera_info")) as recording:
-        try:
-            states = [
-                (message.stamp, *joint_state_arrays(message.decode(), STATE_NAMES)[:2])
-                for message in recording.messages("joint_states")
-            ]
-            lenses = [camera_info_lens(message.decode()) for message in recording.messages("camera/camera_info")]
-        except BadMessage as error:
-            raise CalibrationRefusal(f"bag {path}: {error}") from error
+        stamps, values = joint_states(f"bag {path}", recording.rows("joint_states")["joint_states"], JOINT_NAMES)
+        lenses = [*recorded_lenses(recording)]
         lens, turn = lenses[0]
         if any(other != lens or not np.allclose(turned, turn) for other, turned in lenses):
             raise CalibrationRefusal(f"bag {path}: expected one camera_info, it changes during the recording")
-        stamps, positions, velocities = (np.array(column) for column in zip(*states))
-        rests = find_still_postures(stamps, positions[:, :7], velocities[:, :7])
-        detections, markers, images = [], set(), 0
-        for number, message in enumerate(recording.messages("camera/image_raw")):
-            progress(number + 1, recording.counts["camera/image_raw"])
-            at = [i for i, rest in enumerate(rests) if rest.begin <= message.stamp <= rest.end]
+        rests = find_still_postures(stamps, values[:, 0], values[:, 1])
+        looks = {False: replace(board, is_legacy=False), True: replace(board, is_legacy=True)}
+        detections: dict[bool, list[tuple[int, BoardDetection]]] = {False: [], True: []}
+        markers, images, taken = set(), 0, []
+        for stamp, image in recording.read("camera/image_raw", image_array):
+            taken.append(stamp)
+            progress(len(taken), recording.counts["camera/image_raw"])
+            at = [i for i, rest in enumerate(rests) if rest.begin <= stamp <= rest.end]
             if not at:
                 continue
-            try:
-                image = image_array(message.decode())
-            except BadMessage as error:
-                raise CalibrationRefusal(f"bag {path}: {error}") from error
             if image.shape[:2] != (lens.height, lens.width):
                 raise CalibrationRefusal(
                     f"bag {path}: expected images of {lens.width} x {lens.height} as in camera_info, "
                     f"got {image.shape[1]} x {image.shape[0]}"
                 )
-            found = board.detect(image)
             images += 1
-            markers.update(found.markers.tolist())
-            if found.is_usable:
-                detections.append((at[0], found))
-    return CalibrationData(lens, turn, rests, detections, images, markers)
+            for is_legacy, look in looks.items():
+                found = look.detect(image)
+                markers.update(found.markers.tolist())
+                if found.is_usable:
+                    detections[is_legacy].append((at[0], found))
+                    break
+    is_legacy = len(detections[True]) > len(detections[False])
+    return CalibrationData(lens, turn, rests, detections[is_legacy], images, markers, np.array(taken), is_legacy)
 
 
 def average_detections(detections: Sequence[BoardDetection], board: Board, lens: Lens) -> tuple[np.ndarray, np.ndarray]:

@@ -94,6 +94,12 @@ def _require_board(evidence: CalibrationData, board: Board) -> None:
         raise CalibrationRefusal(
             f"expected the arm to rest for {REST_BEFORE + SHORTEST:g} s at every posture, it never did"
         )
+    if not evidence.images:
+        taken, begin, end = evidence.taken / 1e9, evidence.rests[0].begin / 1e9, evidence.rests[-1].end / 1e9
+        raise CalibrationRefusal(
+            f"expected images taken while the arm rested, none of {len(taken)} was: by their stamps they are of {taken.min():.3f} to "
+            f"{taken.max():.3f} s, the {len(evidence.rests)} rests of {begin:.3f} to {end:.3f} s"
+        )
     others = sorted(number for number in evidence.markers if number >= ours)
     seen = (
         f"markers {others} are on another board"

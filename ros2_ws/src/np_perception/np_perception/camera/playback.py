@@ -12,7 +12,8 @@ import yaml
 
 from np_description.calibration import Lens
 from np_description.camera import CAMERA
-from np_description.message_arrays import BadMessage, camera_info_lens, image_array
+from np_description.message_arrays import image_array
+from np_perception.camera.recorded_lens import recorded_lenses
 from np_perception.camera.source import CameraError, CameraFrame, EndOfImages
 from np_record.bag import BagError, Recording
 
@@ -28,10 +29,9 @@ class BagImages:
     def __init__(self, path: str | Path) -> None:
         try:
             with Recording(path, required=("camera/image_raw",)) as recording:
-                first = next(recording.messages("camera/camera_info"), None)
-                self.lens, self.turn = (POLICY_LENS, np.eye(3)) if first is None else camera_info_lens(first.decode())
+                self.lens, self.turn = next(recorded_lenses(recording), (POLICY_LENS, np.eye(3)))
                 stamps = [message.stamp for message in recording.messages("camera/image_raw")]
-        except (BagError, BadMessage) as error:
+        except BagError as error:
             raise CameraError(str(error)) from error
         self.longest_gap = float(np.diff(stamps).max() / 1e9) if len(stamps) > 1 else 0.0
         self._path, self._count = path, len(stamps)
@@ -42,9 +42,9 @@ class BagImages:
     def __iter__(self) -> Iterator[CameraFrame]:
         try:
             with Recording(self._path, required=("camera/image_raw",)) as recording:
-                for message in recording.messages("camera/image_raw"):
-                    yield CameraFrame(message.stamp, image_array(message.decode()))
-        except (BagError, BadMessage) as error:
+                for stamp, pixels in recording.read("camera/image_raw", image_array):
+                    yield CameraFrame(stamp, pixels)
+        except BagError as error:
             raise CameraError(str(error)) from error
 
 

@@ -131,6 +131,8 @@ def main(arguments: list[str] | None = None) -> int:
             accept=options.accept,
         )
         result.calibration.save(options.out)
+        if evidence[0].is_legacy:
+            print("calibrate: the board is of OpenCV's layout before 4.6; it was read as such", file=sys.stderr)
     except (BagError, BoardError, CalibrationRefusal, OSError, ValueError) as error:
         print(f"calibrate: {error}", file=sys.stderr)
         print(json.dumps({"error": str(error)}))

@@ -17,6 +17,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
 from np_description.calibration import CalibrationError, load
+from np_description.message_arrays import TURNED_CAMERA
 from np_description.scene import CAMERA_NAME
 from np_perception.camera.rectify import VIEWS, Rectifier, view_camera
 from np_perception.camera.source import CameraError, CameraSource, EndOfImages
@@ -103,6 +104,7 @@ class CameraNode(Node):
         self._source = source
         # From the camera's own frame to that of what we publish
         self._turned = self._rectify.turn @ source.turn
+        self._frame = CAMERA_NAME if (self._turned == np.eye(3)).all() else TURNED_CAMERA
 
     def _turn(self, upstream: np.ndarray) -> np.ndarray | None:
         """From the source's images to ours: what the calibration says of the camera, less what was turned
@@ -144,8 +146,8 @@ class CameraNode(Node):
 
     def _publish(self, stamp: int, pixels: np.ndarray) -> None:
         view = self._rectify(pixels)
-        self._info.publish(camera_info_message(stamp, CAMERA_NAME, self._camera, self._turned))
-        self._image.publish(image_message(stamp, CAMERA_NAME, view))
+        self._info.publish(camera_info_message(stamp, self._frame, self._camera, self._turned))
+        self._image.publish(image_message(stamp, self._frame, view))
         self._images += 1
 
     def _release(self) -> None:

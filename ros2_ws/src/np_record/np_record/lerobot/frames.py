@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from np_description.domains import Pose, Task
 from np_description.message_arrays import gains_array, image_array, keypoints_array, pose_arrays
-from np_description.objects.choice import read_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.phases import ACTIVE, PRE, SUCCEEDED, first_end
-from np_record.bag import BagError, Message, Recording
-from np_record.bulk import BulkError, joint_states
+from np_record.bag import BagError, Recording
+from np_record.bulk import joint_states
 from np_record.lerobot.layout import ACTION, DONE, GOAL, KEYPOINTS, OBJECT, PHASE, STATE, SUCCESS, TARGET, TORQUE
 from np_record.outcome import score
+from np_record.recorded_episode import recorded_domain
 from np_record.recorded_phases import PHASE_TOPICS, phase_changes
 
 RATE = 10
@@ -27,8 +28,7 @@ TASKS = {
 }
 _SECOND, _ROUNDING = 1_000_000_000, 2_000_000  # ns; stamps of images are rounded to the control period
 _POSE = tuple("x y z qw qx qy qz".split())
-_POSES = {topic: 7 for topic in ("object_pose", "goal_pose", "target_pose")}
-_TOPICS = (*_POSES, "keypoints", "target_gains", *PHASE_TOPICS)
+_POSES = ("object_pose", "goal_pose", "target_pose")
 
 NAMES: dict[str, tuple[str, ...]] = {
     STATE: tuple(f"{joint}.{what}" for what in ("position", "velocity", "effort") for joint in STATE_NAMES),
@@ -78,19 +78,10 @@ def episode_frames(recording: Recording) -> EpisodeFrames:
     where the recording has no `object_pose`: on a real arm. With it the truth at the end decides the success, as in reports.
     """
     where = f"bag {recording.path}"
-    try:
-        states, state = joint_states(
-            where, "joint_states", recording.rows("joint_states").get("joint_states"), STATE_NAMES
-        )
-        orders, order = joint_states(
-            where, "effort_command", recording.rows("effort_command").get("effort_command"), JOINT_NAMES
-        )
-    except BulkError as error:
-        raise BagError(str(error)) from error
-    found: dict[str, list[Message]] = {name: [] for name in _TOPICS}
-    for message in recording.messages(*_TOPICS):
-        found[message.topic.name].append(message)
-    changes = phase_changes(where, found)
+    joints = recording.rows("joint_states", "effort_command")
+    states, state = joint_states(where, joints.get("joint_states"), STATE_NAMES)
+    orders, order = joint_states(where, joints.get("effort_command"), JOINT_NAMES)
+    changes = phase_changes(where, recording.rows(*PHASE_TOPICS))
     began = next((stamp for stamp, said in changes if said.phase == PRE), None)
     if began is None:
         raise BagError(f"{where}: expected an episode, phase {PRE} was never said")
@@ -98,8 +89,10 @@ def episode_frames(recording: Recording) -> EpisodeFrames:
     end = first_end([said for _, said in changes])
     ended = next((stamp for stamp, said in changes if said is end), recording.end)
 
-    poses = {topic: _table(found[topic], lambda m: np.concatenate(pose_arrays(m, BASE_FRAME)), 7) for topic in _POSES}
-    keypoints = _table(found["keypoints"], lambda m: keypoints_array(m).ravel(), 24)
+    poses = {
+        topic: _table(recording, topic, lambda m: np.concatenate(pose_arrays(m, BASE_FRAME)), 7) for topic in _POSES
+    }
+    keypoints = _table(recording, "keypoints", lambda m: keypoints_array(m).ravel(), 24)
     first = next((stamp for stamp in keypoints[0] if stamp >= began), None)
     if first is None or first >= ended:
         raise BagError(f"{where}: expected keypoints of an episode, there are none between its start and its end")
@@ -119,12 +112,12 @@ def episode_frames(recording: Recording) -> EpisodeFrames:
         ACTION: newest("effort_command", orders, order[:, 0], after - 1),
         TORQUE: newest("effort_command", orders, order[:, 2], after - 1),
         TARGET: _targets(
-            *poses["target_pose"], _table(found["target_gains"], lambda m: gains_array(m).ravel(), 14), times
+            *poses["target_pose"], _table(recording, "target_gains", lambda m: gains_array(m).ravel(), 14), times
         ),
         PHASE: np.array([[ACTIVE.index(said)] for said in _phases(changes, times)]),
         DONE: (np.arange(len(times)) == len(times) - 1)[:, None],
     }
-    domain = read_domain(recording.information)
+    domain = recorded_domain(recording)
     success = end is not None and end.phase == SUCCEEDED
     if len(poses["object_pose"][0]):
         columns[OBJECT] = newest("object_pose", *poses["object_pose"], times + _ROUNDING)
@@ -135,10 +128,11 @@ def episode_frames(recording: Recording) -> EpisodeFrames:
     return EpisodeFrames(domain, success, columns, _images(recording, times))
 
 
-def _table(messages: list[Message], read, width: int) -> tuple[np.ndarray, np.ndarray]:
+def _table(recording: Recording, topic: str, read: Callable, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Stamps (n,) ns and values (n, width) of the messages of a topic."""
-    values = np.array([read(message.decode()) for message in messages], float).reshape(len(messages), width)
-    return np.array([message.stamp for message in messages], np.int64), values
+    rows = [*recording.read(topic, read)]
+    values = np.array([value for _, value in rows], float).reshape(len(rows), width)
+    return np.array([stamp for stamp, _ in rows], np.int64), values
 
 
 def _phases(changes, times: np.ndarray) -> list[str]:
@@ -161,14 +155,14 @@ def _images(recording: Recording, times: np.ndarray) -> np.ndarray:
     """The newest image of each frame."""
     pictures: list[np.ndarray] = []
     last = None
-    for message in recording.messages("camera/image_raw"):
-        while len(pictures) < len(times) and message.stamp > times[len(pictures)] + _ROUNDING:
+    for stamp, pixels in recording.read("camera/image_raw", image_array):
+        while len(pictures) < len(times) and stamp > times[len(pictures)] + _ROUNDING:
             if last is None:
                 raise BagError(f"bag {recording.path}: expected an image from the episode's start on, there is none")
-            pictures.append(image_array(last.decode()))
+            pictures.append(last)
         if len(pictures) == len(times):
             break
-        last = message
+        last = pixels
     if last is not None:
-        pictures += [image_array(last.decode())] * (len(times) - len(pictures))
+        pictures += [last] * (len(times) - len(pictures))
     return np.array(pictures, np.uint8)

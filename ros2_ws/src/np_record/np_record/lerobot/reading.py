@@ -7,29 +7,38 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from np_record.lerobot import layout
+from np_record.lerobot.checking import check_tables
 from np_record.lerobot.layout import DataSetError, parquet
+from np_record.lerobot.pictures import pictures_at
 
 
 @dataclass(frozen=True)
 class Clip:
-    """Part of a video: from second `begin` on."""
+    """Part of a video."""
 
     path: Path
+    """The video."""
     begin: float
+    """s from its start."""
+    end: float
+    """s, likewise."""
 
 
 @dataclass(frozen=True)
 class DataSetEpisode:
-    """Rows begin to end (exclusive) of the columns, what was to be done, and where its pictures are, by feature."""
+    """One episode of a data set."""
 
     tasks: tuple[str, ...]
+    """What was to be done."""
     begin: int
+    """Its first row in the columns."""
     end: int
+    """The row after its last."""
     clips: Mapping[str, Clip]
+    """Where its pictures are, by feature."""
 
     @property
     def rows(self) -> slice:
@@ -39,17 +48,18 @@ class DataSetEpisode:
 
 @dataclass(frozen=True, eq=False)
 class DataSet:
-    """A data set in memory, but for its pictures.
-
-    information: meta/info.json; tasks: by task_index; columns: by feature, (frames, *shape of the feature), in the
-    order of `index`; statistics: by feature and name, as arrays, empty where the set has none.
-    """
+    """A data set in memory, but for its pictures."""
 
     information: dict
+    """meta/info.json."""
     tasks: tuple[str, ...]
+    """By task_index."""
     episodes: tuple[DataSetEpisode, ...]
+    """By episode_index."""
     columns: Mapping[str, np.ndarray]
+    """By feature, (frames, *shape of the feature), in the order of `index`."""
     statistics: Mapping[str, Mapping[str, np.ndarray]]
+    """By feature and name, empty where the set has none."""
 
     @property
     def rate(self) -> float:
@@ -62,25 +72,17 @@ class DataSet:
         return [name for part in names.values() for name in part] if isinstance(names, dict) else names
 
     def images(self, feature: str, episode: int) -> Iterator[np.ndarray]:
-        """The pictures (height, width, 3) uint8 RGB of an episode, one for each of its rows.
+        """The pictures (height, width, 3) uint8 RGB of an episode: for each of its rows that of its timestamp.
 
-        Raises DataSetError for a feature that is no video, and for a video that OpenCV cannot decode to its end.
+        Raises DataSetError for a feature that is no video, for a video that OpenCV cannot decode (as AV1), and for a row without a
+        picture of its time.
         """
         about = self.episodes[episode]
         if feature not in about.clips:
             known = ", ".join(about.clips) or "no videos"
             raise DataSetError(f"feature {feature}: expected a video of the data set, which has {known}")
-        clip, count = about.clips[feature], about.end - about.begin
-        reader = cv2.VideoCapture(str(clip.path))
-        try:
-            reader.set(cv2.CAP_PROP_POS_FRAMES, round(clip.begin * self.rate))
-            for number in range(count):
-                is_there, picture = reader.read()
-                if not is_there:
-                    raise DataSetError(f"video {clip.path}: expected {count} frames from {clip.begin} s, got {number}")
-                yield np.ascontiguousarray(picture[..., ::-1])
-        finally:
-            reader.release()
+        clip = about.clips[feature]
+        return pictures_at(clip.path, clip.begin + self.columns["timestamp"][about.rows].ravel(), 0.5 / self.rate)
 
 
 def read_data_set(root: str | Path) -> DataSet:
@@ -96,13 +98,14 @@ def read_data_set(root: str | Path) -> DataSet:
         tasks, about = _tasks(root), _about(root)
         episodes = tuple(_episode(root, information, row) for row in about)
         columns = _columns(root, information, about)
-    except (OSError, KeyError, json.JSONDecodeError, parquet()[0].ArrowException) as error:
+    except (OSError, KeyError, TypeError, json.JSONDecodeError, parquet()[0].ArrowException) as error:
         raise DataSetError(
             f"data set {root}: expected a LeRobot data set, got {type(error).__name__}: {error}"
         ) from error
-    rows = len(columns["index"])
-    if rows != information["total_frames"] or not np.array_equal(columns["index"].ravel(), np.arange(rows)):
-        raise DataSetError(f"data set {root}: expected {information['total_frames']} frames in order, got {rows}")
+    try:
+        check_tables(information, tasks, episodes, columns)
+    except DataSetError as error:
+        raise DataSetError(f"data set {root}: {error}") from error
     arrays = {name: {key: np.asarray(value) for key, value in part.items()} for name, part in summary.items()}
     return DataSet(information, tasks, episodes, columns, arrays)
 
@@ -124,12 +127,17 @@ def _about(root: Path) -> list[dict]:
 
 
 def _episode(root: Path, information: dict, row: dict) -> DataSetEpisode:
+    if row["dataset_to_index"] - row["dataset_from_index"] != row["length"]:
+        raise DataSetError(
+            f"data set {root}: episode {row['episode_index']}: expected {row['length']} rows, got rows "
+            f"{row['dataset_from_index']} to {row['dataset_to_index']}"
+        )
     videos = [name for name, feature in information["features"].items() if feature["dtype"] == "video"]
     clips = {}
     for name in videos:
         place = {key: row[f"videos/{name}/{key}"] for key in layout.FIRST}
         path = root / information["video_path"].format(video_key=name, **place)
-        clips[name] = Clip(path, float(row[f"videos/{name}/from_timestamp"]))
+        clips[name] = Clip(path, *(float(row[f"videos/{name}/{end}_timestamp"]) for end in ("from", "to")))
     return DataSetEpisode(tuple(row["tasks"]), int(row["dataset_from_index"]), int(row["dataset_to_index"]), clips)
 
 

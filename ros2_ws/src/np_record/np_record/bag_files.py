@@ -1,0 +1,110 @@
+"""The files of a bag: which topics of the contract they hold, and their messages as they are stored."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterator
+from functools import cached_property
+from pathlib import Path
+
+from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.reader import zstd
+
+from np_record.cdr import to_little_endian
+from np_record.topics import BY_NAME, Topic
+
+Place = tuple[int, int]
+"""Number of a file, connection in it."""
+
+_ZSTD = b"\x28\xb5\x2f\xfd"  # with which a compressed message begins; a serialized one begins with a zero
+
+
+class BagError(ValueError):
+    """A bag that cannot be used; the text says what was expected and what was found."""
+
+
+class BagFiles:
+    """The files of a bag. Raises BagError for a path that is no bag, or a bag that was cut off.
+
+    counts: messages by name of the contract's topics. A topic of that name and of another type counts as none.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        self._reader = _open(path)
+        # Each file by itself: the reader of the whole passes over files whose QoS is not that in metadata.yaml.
+        self._storages = getattr(self._reader.storage, "storages", [self._reader.storage])
+        self.counts: dict[str, int] = {}
+        for connection in self._connections():
+            if _is_contract(connection):
+                self.counts[_name(connection)] = self.counts.get(_name(connection), 0) + connection.msgcount
+
+    def close(self) -> None:
+        """Close the files."""
+        self._reader.close()
+
+    @cached_property
+    def information(self) -> dict:
+        """What the recorder knew of the run, {} where it said nothing. Raises BagError for what is no JSON object."""
+        text = (getattr(self._reader.storage.metadata, "custom", None) or {}).get("run_info", "{}")
+        try:
+            found = json.loads(text)
+        except (TypeError, ValueError):
+            found = None
+        if not isinstance(found, dict):
+            raise BagError(f"bag {self.path}: expected a JSON object as run_info in its custom data, got {text!r}")
+        return found
+
+    def messages(self, names: Collection[str]) -> Iterator[tuple[Place, Topic, int, bytes]]:
+        """(place, topic, log time ns, bytes) of the messages of these topics as they are stored. Raises BagError."""
+        for number, storage in enumerate(self._storages):
+            wanted = [c for c in storage.connections if _is_contract(c) and _name(c) in names]
+            topics = {c.id: BY_NAME[_name(c)] for c in wanted}
+            try:
+                for connection, logged, data in storage.messages(wanted) if wanted else ():
+                    topic = topics[connection.id]
+                    data = zstd.decompress(data) if data[:4] == _ZSTD else bytes(data)
+                    yield (number, connection.id), topic, logged, to_little_endian(data, topic.type)
+            except Exception as error:  # damaged bytes end in any of a dozen types of exception
+                raise BagError(f"bag {self.path}: expected readable messages to the end, got: {error}") from error
+
+    def describe(self) -> str:
+        """The topics that have messages, with their types where the contract has no such topic."""
+        counts: dict[str, int] = {}
+        for c in self._connections():
+            expected = BY_NAME.get(_name(c))
+            kind = "" if _is_contract(c) else f"{c.msgtype}, expected {expected.type}" if expected else c.msgtype
+            counts[f"{c.topic} ({kind}"] = counts.get(f"{c.topic} ({kind}", 0) + c.msgcount
+        found = [f"{text}{', ' * (text[-1] != '(')}{count})" for text, count in counts.items() if count]
+        return ", ".join(found) or "none at all"
+
+    def _connections(self):
+        return [connection for storage in self._storages for connection in storage.connections]
+
+
+def _name(connection) -> str:
+    return connection.topic.lstrip("/")
+
+
+def _is_contract(connection) -> bool:
+    topic = BY_NAME.get(_name(connection))
+    return topic is not None and topic.type == connection.msgtype
+
+
+def _open(path: Path) -> Reader:
+    if not path.exists():
+        raise BagError(f"bag {path}: expected a folder with metadata.yaml and an .mcap file, it does not exist")
+    if path.is_dir() and not (path / "metadata.yaml").exists():
+        inside = sorted(p.name for p in path.iterdir())
+        raise BagError(
+            f"bag {path}: expected metadata.yaml, which the recorder writes when it closes the bag; "
+            f"found {inside or 'an empty folder'}: the recording was cut off, or this is no bag"
+        )
+    try:
+        reader = Reader(path)
+        reader.open()
+    except Exception as error:
+        raise BagError(
+            f"bag {path}: expected a complete rosbag2 recording, got: {error} (cut off, or no bag)"
+        ) from error
+    return reader
