@@ -117,12 +117,13 @@ def meaningful_bytes(message_type: str, data: bytes, typestore: Typestore = TYPE
 
 
 class _Touched(bytearray):
-    """Bytes that remember which of them a walk has zeroed."""
+    """Bytes that remember which padding a walk has zeroed."""
 
     touched: np.ndarray
 
     def __setitem__(self, place, value) -> None:
-        self.touched[place] = True
+        if isinstance(place, slice):  # not the end of a string, which readers look at
+            self.touched[place] = True
 
 
 def padding_filter(message_type: str, typestore: Typestore = TYPESTORE) -> Callable[[bytes], bytes]:
