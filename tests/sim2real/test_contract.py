@@ -18,7 +18,7 @@ from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_record.bag_writer import BagWriter
 from np_record.recorder import Sequencer
 from np_record.topics import BY_NAME, TIMELINE
-from np_ros.messages import joint_state_message
+from np_ros.messages import gains_message, joint_state_message
 
 PERIOD = 2_000_000
 
@@ -117,6 +117,9 @@ def bag(path, log, names=STATE_NAMES, period=PERIOD, skip=(), effort_command=Tru
     writer = BagWriter(path, {})
     sequencer = Sequencer(writer.write)
     hand = np.zeros(2)
+    if log.commands is not None and log.commands.has_law:
+        gains = gains_message(np.stack([log.commands.stiffness[0], np.ones(7)]))
+        sequencer.add(BY_NAME["target_gains"], serialize_message(gains), 1)
     for i in range(len(log.time)):
         if i in skip:
             continue
@@ -148,7 +151,7 @@ def test_a_bag_is_read_as_it_was_recorded(tmp_path, short):
 @pytest.mark.parametrize(
     "options, text",
     [
-        (dict(names=(*STATE_NAMES[1::-1], *STATE_NAMES[2:])), "names"),
+        (dict(names=("rail", "slide", *STATE_NAMES[2:])), "panda_joint1, panda_joint2 is not in"),
         (dict(period=2 * PERIOD), "500 Hz, got 250"),
         (dict(skip=range(0, 800, 9)), "missing"),
         (dict(topic="motor_states"), "joint_states"),

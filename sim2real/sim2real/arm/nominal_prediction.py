@@ -76,6 +76,8 @@ def make_drive(logs: list[Log], arm: Arm, reference: int = 0) -> Drive | None:
             continue
         period = float(np.median(np.diff(log.time)))
         follows = c.rows + 1 < len(log.time)
+        if c.has_law:
+            follows &= c.has_gains
         rows = c.rows[follows]
         selected = np.flatnonzero(follows)[
             np.abs(log.time[rows + 1] - log.time[rows] - period) < RECORDINGS.answer * period

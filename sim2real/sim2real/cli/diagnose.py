@@ -139,7 +139,9 @@ def main(arguments: list[str] | None = None) -> int:
         other = f"{sum(log.duration for log in before):.0f} s of the arm as it was" if before else "the nominal arm"
         print(f"comparing {part}{total:.0f} s with {other}", file=sys.stderr)
         progress = StageProgress(options.quick)
-        diagnosis = diagnose(logs, arm, reference=before, effort=options.effort, quick=options.quick, tell=progress.begin)
+        diagnosis = diagnose(
+            logs, arm, reference=before, effort=options.effort, quick=options.quick, tell=progress.begin
+        )
     except ContractViolation as violation:
         return report_violation(violation)
     except ValueError as error:

@@ -160,13 +160,8 @@ def _commands(name, stamp, time, commanded, answers, gains, period) -> Commands 
             f"{name}: effort_command: expected the stamps of joint_states, "
             f"{len(commanded) - len(common)} of {len(commanded)} have others"
         )
-    # Of commands before the first gains nobody knows by which law they were made: most must come after, or it counts as unknown.
-    known = common >= gains[0][0] if gains else np.zeros(len(common), bool)
-    has_law = known.mean() >= RECORDINGS.with_gains
-    if has_law:
-        common, rows, answer = common[known], rows[known], answer[known]
     target, velocity, torque = answers[answer].transpose(1, 0, 2)
-    stiffness, ratio = np.zeros_like(target), np.zeros_like(target)
+    stiffness, ratio = np.zeros_like(target), np.zeros_like(target)  # not known before the first gains
     for at, table in gains:
         after = common >= at
         stiffness[after], ratio[after] = table
@@ -178,7 +173,7 @@ def _commands(name, stamp, time, commanded, answers, gains, period) -> Commands 
         time[rows] + period / 2,
         stiffness,
         damping(stiffness, ratio),
-        has_law=bool(has_law and (stiffness > 0).all()),
+        has_law=bool((stiffness > 0).all(axis=1).mean() >= RECORDINGS.with_gains),
     )
 
 

@@ -33,13 +33,18 @@ class Commands:
     torque_time: np.ndarray
     """(m,) s from which the torque is in force."""
     stiffness: np.ndarray
-    """(m, k) Nm/rad that the controller was told to use."""
+    """(m, k) Nm/rad that the controller was told to use; zero before it was told."""
     damping: np.ndarray
     """(m, k) Nms/rad, likewise."""
     feedforward: bool = True
     """Whether the law adds the target's inertial torque."""
     has_law: bool = True
-    """Whether law and gains are known; of another arm's controller they may not be."""
+    """Whether law and gains are known, from the first gains on; of another arm's controller they may not be."""
+
+    @property
+    def has_gains(self) -> np.ndarray:
+        """(m,) bool, whether the controller had been told its gains."""
+        return (self.stiffness > 0).all(axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,7 +90,8 @@ def cut_windows(
         if period is not None and abs(log_period - period) > SHOT.period_tolerance * period:
             continue
         period = log_period
-        lead = c.target + c.damping / c.stiffness * c.target_velocity
+        stiffness = np.where(c.has_gains[:, None], c.stiffness, np.nan)
+        lead = c.target + c.damping / stiffness * c.target_velocity
         q, dq = log.position[c.rows], log.velocity[c.rows]
         fed = c.torque - c.stiffness * (lead - q) + c.damping * dq
         rows = round((SHOT.warm + SHOT.window) / period) + 1
@@ -100,7 +101,7 @@ def cut_windows(
         firsts = [k for a, b in where for k in _firsts(time, a, b, rows, step)]
         for first in firsts:
             s = slice(first, first + rows)
-            if c.rows[first + rows] - c.rows[first] == rows:
+            if c.rows[first + rows] - c.rows[first] == rows and c.has_gains[s].all():
                 parts.append(
                     (
                         log.time[c.rows[first]],
