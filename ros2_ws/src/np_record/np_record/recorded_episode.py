@@ -130,7 +130,7 @@ def load_episode(recording: Recording) -> EpisodeData:
     )
 
 
-def recorded_domain(recording: Recording) -> Domain:
+def recorded_domain(recording: Recording) -> Task:
     """The domain that a recording says it is of. Raises BagError."""
     try:
         return read_domain(recording.information)
