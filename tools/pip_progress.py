@@ -36,18 +36,18 @@ class Bar:
         return f"  {100 * share:3.0f} %  {what}{left}"
 
 
-def installed(folder: Path) -> int:
+def count_installed(folder: Path) -> int:
     """How many packages lie unpacked there."""
     return sum(1 for _ in folder.glob("*.dist-info"))
 
 
-def found(line: str) -> str:
+def find_name(line: str) -> str:
     """The package that a line of pip's says it has found, or ""."""
     first, _, rest = line.strip().partition(" ")
     return rest.split()[0] if first == "Collecting" and rest else ""
 
 
-def apart(arguments: list[str]) -> list[list[str]]:
+def split_commands(arguments: list[str]) -> list[list[str]]:
     """The commands between which `--and` stands."""
     commands: list[list[str]] = [[]]
     for one in arguments:
@@ -58,20 +58,20 @@ def apart(arguments: list[str]) -> list[list[str]]:
 def run(count: int, commands: list[list[str]], folder: Path) -> int:
     """Run pips, which unpack to `folder`; the exit status of the first that failed."""
     is_live = sys.stderr.isatty()
-    bar, before = Bar(2 * count, is_live, time.monotonic()), installed(folder)
+    bar, before = Bar(2 * count, is_live, time.monotonic()), count_installed(folder)
     names: list[str] = []
     done = threading.Event()
 
     def watch() -> None:
         while not done.wait(PERIOD):
-            unpacked = installed(folder) - before
+            unpacked = count_installed(folder) - before
             what = f"{unpacked} of {count} installed" if unpacked else f"{len(names)} of {count} found"
             if text := bar.text(len(names) + unpacked, what, time.monotonic()):
                 print(f"\r\033[K{text}" if is_live else text, end="" if is_live else "\n", file=sys.stderr, flush=True)
 
     def listen(pip: subprocess.Popen) -> None:
         for line in pip.stdout:
-            names.extend([name] if (name := found(line)) else [])
+            names.extend([name] if (name := find_name(line)) else [])
 
     pips = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for command in commands]
     listeners = [threading.Thread(target=listen, args=[pip]) for pip in pips]
@@ -89,4 +89,4 @@ def run(count: int, commands: list[list[str]], folder: Path) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(run(int(sys.argv[1]), apart(sys.argv[2:]), Path(sysconfig.get_path("purelib"))))
+    sys.exit(run(int(sys.argv[1]), split_commands(sys.argv[2:]), Path(sysconfig.get_path("purelib"))))

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
-from sim2real.excitation.contact_suite.tip import BEYOND
 
 from np_control.controller import Controller, ControllerConfig
 from np_control.impedance import DAMPING_RATIO_MAX, STIFFNESS_MAX, STIFFNESS_MIN
@@ -25,6 +24,7 @@ from np_description.scene import load_model
 PERIOD = LIMITS.period_ns
 READY = NOMINAL.ready
 ZERO = np.zeros(7)
+BEYOND = 0.00885  # m, from T_E to the end of the fingertips
 LATENCY = ControllerConfig.policy_latency_ns
 SOFT = STIFFNESS_MIN, np.ones(7)
 

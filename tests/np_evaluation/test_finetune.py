@@ -173,11 +173,11 @@ class TestStages:
         )
 
     def test_last_words_of_libraries_cost_no_training(self, tmp_path):
-        from np_evaluation.finetune.learning import _last_told
+        from np_evaluation.finetune.learning import _last_json
 
-        assert _last_told(['{"steps": 3}', "{0} devices left", "leaked semaphores"], tmp_path) == {"steps": 3}
+        assert _last_json(['{"steps": 3}', "{0} devices left", "leaked semaphores"], tmp_path) == {"steps": 3}
         with pytest.raises(OSError, match="expected a line of JSON"):
-            _last_told(["Killed"], tmp_path)
+            _last_json(["Killed"], tmp_path)
 
     def test_training_leaves_the_diagnosis_as_it_is(self, tmp_path, monkeypatch):
         from np_evaluation.finetune import learning
@@ -222,7 +222,7 @@ class TestStages:
                 raise OSError("diagnose refuses")
             return BOTH.effects
 
-        monkeypatch.setattr(stages, "_asked", ask)
+        monkeypatch.setattr(stages, "_diagnose", ask)
         monkeypatch.setattr(stages, "_has_keypoints", lambda bag: False)
         bags, out = [tmp_path / f"bag_{number}" for number in range(3)], tmp_path / "out"
         with pytest.raises(OSError, match="refuses"):

@@ -22,8 +22,8 @@ def test_elsewhere_than_on_a_terminal_a_line_comes_every_tenth():
 
 
 def test_lines_of_pip():
-    assert pip_progress.found("Collecting numpy==2.3.5 (from -r requirements.lock (line 3))\n") == "numpy==2.3.5"
-    assert pip_progress.found("  Downloading numpy.whl (1 kB)\n") == "" == pip_progress.found("Collecting\n")
+    assert pip_progress.find_name("Collecting numpy==2.3.5 (from -r requirements.lock (line 3))\n") == "numpy==2.3.5"
+    assert pip_progress.find_name("  Downloading numpy.whl (1 kB)\n") == "" == pip_progress.find_name("Collecting\n")
 
 
 def test_the_exit_status_and_the_errors_are_those_of_pip(tmp_path):

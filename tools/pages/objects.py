@@ -53,7 +53,7 @@ def _span(low: float, high: float) -> str:
     return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
-def _turned(yaw: tuple[float, float]) -> str:
+def _turn(yaw: tuple[float, float]) -> str:
     return "any" if yaw == (-pi, pi) else f"{_span(*map(degrees, yaw))} degrees"
 
 
@@ -76,10 +76,10 @@ def places(domain: Task) -> str:
         f" y {box.centre[1]:g} m.\n\n"
         for box in domain.obstacles
     ]
-    relative = f"{_turned(domain.goal_yaw)} from the start's" if domain.goal_yaw else None
+    relative = f"{_turn(domain.goal_yaw)} from the start's" if domain.goal_yaw else None
     rows = [
-        _place("start", domain.start, _turned(domain.start.yaw)),
-        *(_place("goal", region, relative or _turned(region.yaw)) for region in domain.goals),
+        _place("start", domain.start, _turn(domain.start.yaw)),
+        *(_place("goal", region, relative or _turn(region.yaw)) for region in domain.goals),
     ]
     return "".join(fixed) + table(("", "x, m", "y, m", "on a surface at z, mm", "yaw", "rests on"), rows) + "\n"
 

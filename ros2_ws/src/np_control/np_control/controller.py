@@ -162,7 +162,7 @@ class Controller:
             raise Refusal(Reason.STATE, "no joint state has come yet")
         if self._answer is None:
             state = self._states[-1]
-            wanted, position, velocity = self._wanted(state)
+            wanted, position, velocity = self._joint_target(state)
             self._torque, limited = limit_torque(self.limits, wanted, self._torque, state.q, state.dq)
             self._answer = ControllerOutput(state.stamp, position, velocity, self._torque, tuple(limited))
         return self._answer
@@ -311,7 +311,7 @@ class Controller:
             return _REST, _REST
         return pace * velocity, pace**2 * acceleration + slowing * velocity
 
-    def _wanted(self, state: _State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _joint_target(self, state: _State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Torque of the law, position and velocity of the joint target; brings target and gains up to date."""
         velocity = acceleration = _REST
         if self._trajectory is not None:

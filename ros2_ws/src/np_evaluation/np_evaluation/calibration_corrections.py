@@ -82,7 +82,7 @@ class CompensatedView:
 
     def __call__(self, seen: np.ndarray, stamp: int) -> np.ndarray:
         """Of keypoints (8, 3) u px, v px, score, found in the image of `stamp` ns."""
-        seen = self._moved(seen)
+        seen = self._reproject(seen)
         if not self._told.delay:
             return seen
         last, self._last = self._last, (stamp, seen)
@@ -93,7 +93,7 @@ class CompensatedView:
         ahead[:, :2] += (seen - last[1])[:, :2] * (self._told.delay / since)
         return ahead
 
-    def _moved(self, seen: np.ndarray) -> np.ndarray:
+    def _reproject(self, seen: np.ndarray) -> np.ndarray:
         if self._told.camera == CAMERA:
             return seen
         try:

@@ -233,7 +233,7 @@ class _Fit:
 
     def rms(self, position, rotation) -> float:
         """Huber-weighted root mean square reprojection error px; infinite where there is none."""
-        residual = self._residual(*self._seen(self.points @ rotation.T, position))
+        residual = self._residual(*self._is_seen(self.points @ rotation.T, position))
         weights = self._weights(residual)
         rms = float(np.sqrt(weights @ (residual**2).sum(axis=1) / weights.sum()))
         return rms if np.isfinite(rms) else np.inf
@@ -245,7 +245,7 @@ class _Fit:
     def _linearise(self, position, rotation) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (n, 2) px, measured minus predicted, and the Jacobian (2n, 6) of the prediction."""
         arms = self.points @ rotation.T
-        x, y, z = self._seen(arms, position)
+        x, y, z = self._is_seen(arms, position)
         of_optical = np.zeros((len(z), 2, 3))
         of_optical[:, 0, 0], of_optical[:, 0, 2] = self.camera.fx / z, -self.camera.fx * x / z**2
         of_optical[:, 1, 1], of_optical[:, 1, 2] = self.camera.fy / z, -self.camera.fy * y / z**2
@@ -255,7 +255,7 @@ class _Fit:
         matrix[..., 3:] = cross(arms[:, None, :], of_point)
         return self._residual(x, y, z), matrix.reshape(-1, 6)
 
-    def _seen(self, arms, position) -> np.ndarray:
+    def _is_seen(self, arms, position) -> np.ndarray:
         """Places (3, n) m, in the camera's frame, of points (n, 3) m about a position."""
         view, eye = self._view
         seen = ((arms + position - eye) @ view).T

@@ -26,7 +26,7 @@ FORCES = (1.0, 5.0, 10.0, 20.0, 31.0)  # N
 HEADINGS = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0, 90.0)  # degrees, downhill
 
 
-def _turned(world: BoxWorld) -> float:
+def _turn(world: BoxWorld) -> float:
     """How far the box has turned about the vertical, rad."""
     rotation = matrix_from_quaternion(world.pose().quaternion)
     return float(np.arctan2(rotation[1, 0], rotation[0, 0]))
@@ -73,7 +73,7 @@ def drag_off_centre(make: Make, force: float = 5.0, offset: float = 0.02, distan
     for k in range(steps):
         world.lead(above + [distance * (k + 1) / steps, 0.0, 0.0], press=force)
         world.step(3.0 / steps)
-    return {"turned_deg": abs(float(np.degrees(_turned(world))))}
+    return {"turned_deg": abs(float(np.degrees(_turn(world))))}
 
 
 def slide(make: Make, friction: float, heading: float) -> dict:
@@ -109,7 +109,7 @@ def push_off_centre(make: Make, offset: float = 0.02, distance: float = 0.06) ->
     for k in range(steps):
         world.lead(start + [distance * (k + 1) / steps, 0.0, 0.0])
         world.step(3.0 / steps)
-    return {"turned_deg": abs(float(np.degrees(_turned(world))))}
+    return {"turned_deg": abs(float(np.degrees(_turn(world))))}
 
 
 def tip_over(make: Make) -> dict:

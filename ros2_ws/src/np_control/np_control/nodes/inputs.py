@@ -60,9 +60,9 @@ def subscribe(node: Node, led: CommandSink, limits: SafetyLimits, *, lockstep: b
         except BadMessage as error:
             led.refuse(error)
             return
-        deliver(stamp, checked(translate))
+        deliver(stamp, check(translate))
 
-    def checked(translate: Callable[[], object]) -> object:
+    def check(translate: Callable[[], object]) -> object:
         try:
             return translate()
         except (BadMessage, Refusal) as error:
@@ -70,11 +70,11 @@ def subscribe(node: Node, led: CommandSink, limits: SafetyLimits, *, lockstep: b
             return None
 
     def tick(message: DiagnosticArray) -> None:
-        if (state := checked(lambda: phase_state(message))) is not None:  # without a phase it tells nobody to go on
+        if (state := check(lambda: phase_state(message))) is not None:  # without a phase it tells nobody to go on
             read(message.header, lambda: state, led.on_tick)
 
     def phase(message: DiagnosticArray) -> None:
-        if (state := checked(lambda: phase_state(message))) is not None:
+        if (state := check(lambda: phase_state(message))) is not None:
             led.on_phase(state)
 
     def trajectory(message: JointTrajectory) -> Trajectory | None:
@@ -94,7 +94,7 @@ def subscribe(node: Node, led: CommandSink, limits: SafetyLimits, *, lockstep: b
         qos.EVENT,
     )
     node.create_subscription(
-        Float64MultiArray, "target_gains", lambda m: led.on_gains(checked(lambda: gains_array(m))), stream
+        Float64MultiArray, "target_gains", lambda m: led.on_gains(check(lambda: gains_array(m))), stream
     )
     node.create_subscription(PoseStamped, "target_pose", lambda m: read(m.header, lambda: pose(m), led.on_pose), stream)
     node.create_subscription(DiagnosticArray, "episode/tick", tick, stream)

@@ -115,7 +115,7 @@ class SafetyFilter:
             return AppliedCommand(self.state, self._target, np.zeros_like(self._target), self.fade(), ("state",))
         self._check_state(q, dq)
         state = self.watchdog.poll(now)
-        wanted, velocity = self._wanted(state, q, dq)
+        wanted, velocity = self._joint_target(state, q, dq)
         if state is State.IDLE:
             self._torque, changed = wanted, []
         else:
@@ -165,7 +165,7 @@ class SafetyFilter:
     def _hold(self, q: np.ndarray) -> None:
         self._target, self._command = np.clip(q, self.limits.position_lower, self.limits.position_upper), None
 
-    def _wanted(self, state: State, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _joint_target(self, state: State, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Torque wanted and velocity of the joint target, before the guards."""
         if state is State.MOVING:
             return self._command.effort, self._command.velocity

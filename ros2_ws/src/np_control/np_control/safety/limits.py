@@ -150,7 +150,7 @@ def velocity_bounds(limits: SafetyLimits, q: np.ndarray) -> np.ndarray:
     """
     # The pull back from far outside the range is no faster than cruising either.
     walls = limits.walls if q.ndim == 1 else limits.walls.reshape(2, *(1,) * (q.ndim - 1), q.shape[-1])
-    return _bounded(limits.wall_rate * (walls - q), limits.cruise)
+    return _clip(limits.wall_rate * (walls - q), limits.cruise)
 
 
 def torque_bounds(limits: SafetyLimits, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -179,17 +179,17 @@ def _bounds_at(limits: SafetyLimits, q: bytes, dq: bytes) -> tuple[np.ndarray, n
 def _torque_towards(limits: SafetyLimits, room: np.ndarray) -> np.ndarray:
     """Greatest torque (2, 7) Nm towards velocity bounds `room` (2, 7) rad/s away (negative: exceeded)."""
     retractable = np.sqrt(limits.retraction * np.maximum(room, 0.0))
-    return _bounded(np.minimum(limits.speed_slope * room, retractable), limits.torque)
+    return _clip(np.minimum(limits.speed_slope * room, retractable), limits.torque)
 
 
-def _bounded(values: np.ndarray, bound: np.ndarray) -> np.ndarray:
+def _clip(values: np.ndarray, bound: np.ndarray) -> np.ndarray:
     # numpy.clip costs several times its two halves, which tells at 500 Hz.
     return np.maximum(np.minimum(values, bound), -bound)
 
 
 def clamp_torque(limits: SafetyLimits, torque: np.ndarray) -> np.ndarray:
     """Torque (7,) Nm within the torque limits."""
-    return _bounded(torque, limits.torque)
+    return _clip(torque, limits.torque)
 
 
 def limit_torque(

@@ -35,9 +35,9 @@ class SceneData:
             {
                 "body": self.bodies.index(shape.body),
                 "kind": shape.kind,
-                "size": _rounded(shape.size),
-                "pose": _rounded([*shape.position, *shape.quaternion]),
-                "rgba": _rounded(shape.rgba),
+                "size": _round(shape.size),
+                "pose": _round([*shape.position, *shape.quaternion]),
+                "rgba": _round(shape.rgba),
             }
             | (
                 {"vertices": shape.vertices.round(_DIGITS).tolist(), "triangles": shape.triangles.tolist()}
@@ -57,9 +57,9 @@ class SceneData:
         found = []
         for name in self.bodies[:-2]:
             placed = self._data.body(name)
-            found.append(_rounded([*placed.xpos, *placed.xquat]))
-        return [*found, *(_rounded([*p.position, *p.quaternion]) if p else None for p in (body, goal))]
+            found.append(_round([*placed.xpos, *placed.xquat]))
+        return [*found, *(_round([*p.position, *p.quaternion]) if p else None for p in (body, goal))]
 
 
-def _rounded(values) -> list[float]:
+def _round(values) -> list[float]:
     return [round(float(value), _DIGITS) for value in values]

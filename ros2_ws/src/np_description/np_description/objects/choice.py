@@ -65,7 +65,7 @@ def object_reference(domain: Task) -> str:
 
 def place_object(domain: Task, spec: ObjectSpec) -> Task:
     """The domain with this object: starts and goals beside obstacles keep the gap to them that the domain's own object has."""
-    regions = [_moved(domain, region, spec) for region in (domain.start, *domain.goals)]
+    regions = [_move_region(domain, region, spec) for region in (domain.start, *domain.goals)]
     return replace(
         domain,
         half_size=spec.half_size,
@@ -76,7 +76,7 @@ def place_object(domain: Task, spec: ObjectSpec) -> Task:
     )
 
 
-def _moved(domain: Task, region: Region, spec: ObjectSpec) -> Region:
+def _move_region(domain: Task, region: Region, spec: ObjectSpec) -> Region:
     """The region, away from each obstacle that it stands beside by as much as the object is larger."""
     if region.surface:
         return region
@@ -87,13 +87,15 @@ def _moved(domain: Task, region: Region, spec: ObjectSpec) -> Region:
             nearest = low if side > 0 else high
             if abs(nearest - box.centre[axis]) < box.half_size[axis]:
                 continue
-            shift = side * (_reach(region, spec.half_size, axis) - _reach(region, domain.half_size, axis))
+            shift = side * (
+                _horizontal_reach(region, spec.half_size, axis) - _horizontal_reach(region, domain.half_size, axis)
+            )
             if shift:
                 region = replace(region, **{name: (low + shift, high + shift)})
     return region
 
 
-def _reach(region: Region, half_size: tuple[float, float, float], axis: int) -> float:
+def _horizontal_reach(region: Region, half_size: tuple[float, float, float], axis: int) -> float:
     """How far, m, an object in the region reaches along x or y from its middle, turned as it may be."""
     if region.quarter_turns:
         return float(np.linalg.norm(sorted(half_size)[1:]))

@@ -82,12 +82,12 @@ def _pose(domain: Task, place: ScenarioPlace, rng: np.random.Generator | None) -
     x, y = (low + share * (high - low) for (low, high), share in ((region.x, place.x), (region.y, place.y)))
     yaw = place.yaw
     if rng is not None:
-        x, y, yaw = _scattered(region, np.array([x, y, yaw]), rng)
+        x, y, yaw = _scatter(region, np.array([x, y, yaw]), rng)
     pitch = place.pitch * pi / 2 if region.quarter_turns else region.pitch
     return resting_pose(domain, region, x, y, yaw, place.roll * pi / 2, pitch)
 
 
-def _scattered(region: Region, where: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _scatter(region: Region, where: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     low, high = np.transpose([region.x, region.y, region.yaw])
     scatter = np.array([SCATTER[0], SCATTER[0], SCATTER[1]])
     return np.clip(where + rng.uniform(-scatter, scatter), low, high)

@@ -28,7 +28,7 @@ def read_metadata(path: str | Path) -> dict[str, str]:
         length = int.from_bytes(file.read(_LENGTH), "little")
         if length > path.stat().st_size:
             raise WeightsError(f"weights: {path}: expected a safetensors file, got another or half of one")
-        return _parsed(file.read(length), path).get(_METADATA, {})
+        return _parse(file.read(length), path).get(_METADATA, {})
 
 
 def with_metadata(content: bytes, metadata: dict[str, str]) -> bytes:
@@ -52,12 +52,12 @@ def tensors_sha256(path: str | Path) -> str:
 def _split(content: bytes) -> tuple[dict, bytes]:
     """The table of tensors and their bytes."""
     end = _LENGTH + int.from_bytes(content[:_LENGTH], "little")
-    table = _parsed(content[_LENGTH:end], "bytes of weights")
+    table = _parse(content[_LENGTH:end], "bytes of weights")
     table.pop(_METADATA, None)
     return table, content[end:]
 
 
-def _parsed(header: bytes, name: object) -> dict:
+def _parse(header: bytes, name: object) -> dict:
     try:
         return json.loads(header)
     except ValueError as error:

@@ -63,7 +63,7 @@ def table3(options: argparse.Namespace) -> dict[str, object]:
     place.mkdir(parents=True, exist_ok=True)
     what_runs = {"code_sha256": code_sha256(), **origin(options.weights)}  # now: files may be edited meanwhile
     began = time.monotonic()
-    played = _played(asked, setting, options)
+    played = _play_cells(asked, setting, options)
     in_order = [played[cell] for cell in asked]
     table = {
         "engine": options.engine,
@@ -81,7 +81,9 @@ def table3(options: argparse.Namespace) -> dict[str, object]:
     return {**table, "results": str(place / "table.json")}
 
 
-def _played(asked: list[TableCell], setting: TableSettings, options: argparse.Namespace) -> dict[TableCell, CellResult]:
+def _play_cells(
+    asked: list[TableCell], setting: TableSettings, options: argparse.Namespace
+) -> dict[TableCell, CellResult]:
     played: dict[TableCell, CellResult] = {}
     progress = Progress(len(asked), "table3")
     with workers(options.jobs, options.cluster) as pool:
@@ -125,7 +127,7 @@ def _rate(figures: Mapping) -> str:
     return f"{figures['success']:.2f} ({figures['ci95'][0]:.2f} to {figures['ci95'][1]:.2f})"
 
 
-def _told(table: Mapping) -> tuple[Mapping, int]:
+def _print_table(table: Mapping) -> tuple[Mapping, int]:
     print(format_table(table))
     short = {key: value for key, value in table.items() if key not in ("rows", "per_episode", "weights_sha256")}
     return short, int(any(row["errors"] for row in table["rows"]))
@@ -134,7 +136,7 @@ def _told(table: Mapping) -> tuple[Mapping, int]:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object. 1 where a cell was not played."""
     options = parse(arguments)
-    return run_command("table3", lambda: table3(options), _told)
+    return run_command("table3", lambda: table3(options), _print_table)
 
 
 if __name__ == "__main__":

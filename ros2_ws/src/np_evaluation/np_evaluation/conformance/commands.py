@@ -76,14 +76,14 @@ def pushing(torque: float, joint: int = 6) -> Callable[[JointState], JointState]
     return lambda state: stay(state, effort=effort)
 
 
-def _bend(values, index, value):
+def _replace_entry(values, index, value):
     """`values` as a list with one entry replaced."""
     result = list(values)
     result[index] = value
     return result
 
 
-def _short(state):
+def _without_last_effort(state):
     """A command with an effort missing."""
     command = stay(state)
     command.effort = command.effort[:6]
@@ -101,11 +101,13 @@ EFFORTS = BackendCommands(
     bad={
         "not_finite": lambda s: stay(s, effort=[0.0, math.nan] + [0.0] * 5),
         "names": lambda s: stay(s, names=tuple(reversed(JOINT_NAMES))),
-        "length": _short,
-        "torque": lambda s: stay(s, effort=_bend([0.0] * 7, 6, 1.01 * LIMITS.torque[6])),
-        "velocity": lambda s: stay(s, velocity=_bend([0.0] * 7, 0, 1.01 * LIMITS.velocity[0])),
-        "position": lambda s: stay(s, position=_bend(s.position[:7], 0, 1.01 * LIMITS.position_upper[0])),
-        "start": lambda s: stay(s, position=_bend(s.position[:7], 2, s.position[2] + 2 * LIMITS.start_tolerance)),
+        "length": _without_last_effort,
+        "torque": lambda s: stay(s, effort=_replace_entry([0.0] * 7, 6, 1.01 * LIMITS.torque[6])),
+        "velocity": lambda s: stay(s, velocity=_replace_entry([0.0] * 7, 0, 1.01 * LIMITS.velocity[0])),
+        "position": lambda s: stay(s, position=_replace_entry(s.position[:7], 0, 1.01 * LIMITS.position_upper[0])),
+        "start": lambda s: stay(
+            s, position=_replace_entry(s.position[:7], 2, s.position[2] + 2 * LIMITS.start_tolerance)
+        ),
         "future": lambda s: stay(s, stamp=stamp_nanoseconds(s.header.stamp) + 1000 * PERIOD),
     },
 )
@@ -133,14 +135,14 @@ def target(
     return {"target_gains": gains_message(gains), "target_pose": pose}
 
 
-def _unlabelled(state):
+def _without_labels(state):
     """A target whose gains do not say what they are."""
     command = target(state)
     command["target_gains"].layout.dim[0].label = "row"
     return command
 
 
-def _alone(state):
+def _without_gains(state):
     """A pose without gains."""
     return {"target_pose": target(state)["target_pose"]}
 
@@ -162,10 +164,10 @@ TARGETS = BackendCommands(
     bad={
         "finite": lambda s: target(s, shift=(0.0, math.nan, 0.0)),
         "frame": lambda s: target(s, frame="world"),
-        "shape": _unlabelled,
+        "shape": _without_labels,
         "gains": lambda s: target(s, gains=np.stack([1.01 * STIFFNESS_MAX, np.ones(7)])),
         "workspace": lambda s: target(s, shift=(0.0, 1.0, 0.0)),
-        "unpaired": _alone,
+        "unpaired": _without_gains,
         "unreachable": lambda s: target(s, shift=(0.4, 0.3, 0.2)),
         "late": lambda s: target(s, late=600_000_000),
         "future": lambda s: target(s, late=-1_000_000_000),

@@ -50,7 +50,7 @@ class Fuzzer:
         self._sends = self._hears_itself = False
         peer.collect("diagnostics", DiagnosticArray, qos.RECORDER, self._on_diagnostics)
         for topic in TOPICS:
-            self._listen(topic)
+            self._collect_samples(topic)
 
     @property
     def speaking(self) -> set[str]:
@@ -70,8 +70,8 @@ class Fuzzer:
         publisher = self._peer.advertise(topic.name, kind, qos.LATCHED if topic.latched else qos.LOCKSTEP)
         self._peer.wait_until(lambda: publisher.get_subscription_count() >= len(nodes), PATIENCE, f"{topic.name}")
         found, self._sends = FuzzResult(topic.name), True
-        self._hear(nodes, found)
-        before = {name: self._refused(name) for name in nodes}
+        self._wait_for_reports(nodes, found)
+        before = {name: self._refusals(name) for name in nodes}
         self._hears_itself = (
             topic.name == "diagnostics"
         )  # what a node says of itself cannot be told from what we make up
@@ -81,13 +81,13 @@ class Fuzzer:
             publisher.publish(message)
             if number % BATCH == BATCH - 1:
                 self._peer.spin_once(0.01)
-                self._look(found)
+                self._restart_dead(found)
         self._peer.idle_for(DRAIN)
         self._hears_itself = False
-        self._hear(nodes, found)
+        self._wait_for_reports(nodes, found)
         for name in nodes:
             if name not in found.died:
-                found.refused[name] = self._refused(name) - before[name]
+                found.refused[name] = self._refusals(name) - before[name]
         return found
 
     def _make(self, topic: Topic, kind: type) -> tuple[str, object]:
@@ -103,7 +103,7 @@ class Fuzzer:
     def _pick(self, samples: list[bytes]) -> bytes:
         return samples[int(self._rng.integers(len(samples)))]
 
-    def _look(self, found: FuzzResult) -> None:
+    def _restart_dead(self, found: FuzzResult) -> None:
         """Note who has died, and start them again."""
         try:
             self._supervisor.check()
@@ -112,21 +112,21 @@ class Fuzzer:
             self._counts.pop(death.name, None)
             self._restart(death.name)
 
-    def _hear(self, nodes: list[str], found: FuzzResult) -> None:
+    def _wait_for_reports(self, nodes: list[str], found: FuzzResult) -> None:
         """Wait until every node has spoken anew."""
         since = {name: self._heard.get(name, 0) for name in nodes}
         deadline = time.monotonic() + PATIENCE
         while waiting := [name for name in nodes if self._heard.get(name, 0) < since[name] + HEARD]:
-            self._look(found)
+            self._restart_dead(found)
             if time.monotonic() > deadline:
                 found.silent += [name for name in waiting if name not in found.silent]
                 return
             self._peer.spin_once()
 
-    def _refused(self, name: str) -> int:
+    def _refusals(self, name: str) -> int:
         return sum(count for key, count in self._counts.get(name, {}).items() if key.startswith("refused"))
 
-    def _listen(self, topic: Topic) -> None:
+    def _collect_samples(self, topic: Topic) -> None:
         kept = self._samples.setdefault(topic.name, [])
 
         def keep(data: bytes) -> None:

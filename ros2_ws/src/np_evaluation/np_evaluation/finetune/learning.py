@@ -164,10 +164,10 @@ def _run(
             f"{' '.join(arguments[:1])} ended with status {process.returncode}: {words[-1] if words else ''} ({log})"
         )
     progress.show(max(1, round(seconds)), "done")
-    return _last_told(words, log)
+    return _last_json(words, log)
 
 
-def _last_told(words: Sequence[str], log: Path) -> dict:
+def _last_json(words: Sequence[str], log: Path) -> dict:
     """The last line that is a JSON object: libraries have their last words after it. Raises OSError where there is none."""
     for line in reversed(words):
         if line.startswith("{"):

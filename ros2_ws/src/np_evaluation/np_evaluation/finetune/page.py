@@ -66,16 +66,16 @@ def render(told: Mapping, patch: Patch, folder: Path) -> str:
         "finetune.html.j2",
         told=told,
         sentence=sentence(told),
-        found=[_said(effect) for effect in patch.effects],
+        found=[_describe(effect) for effect in patch.effects],
         bars=[(words, told["success"][key]) for key, words, _ in BARS if key in told["success"]],
         costs=[(_name(name), cost) for name, cost in told["costs"].items()],
-        success_plot=_drawn(_success, told),
-        cost_plot=_drawn(_costs, told) if told["costs"] else "",
-        curve=_drawn(_curve, folder / "training" / "log.csv") if told["learned"] else "",
+        success_plot=_plot(_success, told),
+        cost_plot=_plot(_costs, told) if told["costs"] else "",
+        curve=_plot(_curve, folder / "training" / "log.csv") if told["learned"] else "",
     )
 
 
-def _drawn(draw, what) -> str:
+def _plot(draw, what) -> str:
     with style():
         figure = Figure(figsize=(6.4, 2.4), layout="constrained")
         draw(figure.subplots(), what)
@@ -112,7 +112,7 @@ def _curve(ax, log: Path) -> None:
     ax.set(xlabel="minutes of training", ylabel="success of drawn actions, %", ylim=(0, 102))
 
 
-def _said(effect) -> str:
+def _describe(effect) -> str:
     """An effect of the patch in words; intervals are in the doctor's own report."""
     values = {name: _Plain(value) for name, value in effect.values.items()}
     return describe_effect(effect.definition, effect.component, values, "the simulator")

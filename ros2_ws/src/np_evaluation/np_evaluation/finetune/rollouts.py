@@ -66,8 +66,8 @@ def text_of(patch: Patch) -> str:
 
 def run_rollouts(cell: RolloutCell, numbers: Sequence[int]) -> list[float]:
     """Scores of these episodes, by the truth. A physics that diverges is a failure."""
-    played = _played(cell)
-    return [_scored(played, number) for number in numbers]
+    played = _rollout(cell)
+    return [_score(played, number) for number in numbers]
 
 
 def succeeds(scores: Sequence[float]) -> list[bool]:
@@ -84,7 +84,7 @@ def success_margin(domain: Task, result: Result) -> float:
 
 
 @lru_cache(maxsize=1)
-def _played(cell: RolloutCell):
+def _rollout(cell: RolloutCell):
     import torch  # slow, as what follows
 
     from np_description.objects.choice import domain_with
@@ -102,7 +102,7 @@ def _played(cell: RolloutCell):
     )
 
 
-def _scored(played, number: int) -> float:
+def _score(played, number: int) -> float:
     try:
         result = played.play(number)
     except FloatingPointError:

@@ -70,7 +70,7 @@ class FinetuneSettings:
         """Scores of cells, kept in `out`."""
         return run_all_rollouts(cells, episodes, self.out / "episodes", pool, self.name + what)
 
-    def patched(self, patch: Patch) -> RolloutCell:
+    def with_patch(self, patch: Patch) -> RolloutCell:
         """The simulated robot with a patch."""
         return replace(self.robot, effects=text_of(patch))
 
@@ -103,9 +103,9 @@ def diagnose_bags(bags: Sequence[Path], out: Path) -> Patch:
         arm, task = ([str(bag) for bag in bags if seen[bag] == has] for has in (False, True))
         effects = ()
         if arm:
-            effects += _asked("sim2real.cli.diagnose", arm, out / "arm")
+            effects += _diagnose("sim2real.cli.diagnose", arm, out / "arm")
         if task:
-            effects += _asked(
+            effects += _diagnose(
                 "sim2real.cli.diagnose_task", task, out / "task", ("--arm", str(out / "arm")) if arm else ()
             )
         whole.write_text(dump_patch(Patch(effects)), encoding="utf-8")
@@ -117,7 +117,7 @@ def _has_keypoints(bag: Path) -> bool:
         return bool(recording.rows("keypoints").get("keypoints"))
 
 
-def _asked(doctor: str, bags: Sequence[str], out: Path, options: Sequence[str] = ()) -> tuple:
+def _diagnose(doctor: str, bags: Sequence[str], out: Path, options: Sequence[str] = ()) -> tuple:
     """Effects of the patch that a doctor writes into `out`; what is there is not asked again."""
     if not (out / "patch.yaml").exists():
         command = [sys.executable, "-m", doctor, *bags, "--out", str(out), *options]
@@ -141,26 +141,26 @@ def run_finetune(
     told_of = "" if corrected.is_none else text_of(patch)
 
     def say(played: dict, costs: dict, learned: dict | None, after: dict) -> dict:
-        told = _told(what, patch, played, after, costs, learned, left_out)
+        told = _summarize(what, patch, played, after, costs, learned, left_out)
         told["wall_s"] = round(time.monotonic() - begun, 1)
         told["played"] = {name: [int(s) for s in succeeds(each)] for name, each in {**played, **after}.items()}
         (what.out / "finetune.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
         what.tell(told)
         return told
 
-    with _begun(what, patch, how, turn) as learning:
-        cells = {"nominal": what.robot, "patched": what.patched(patch)}
+    with _start_training(what, patch, how, turn) as learning:
+        cells = {"nominal": what.robot, "patched": what.with_patch(patch)}
         if what.reality is not None:
             cells["reality"] = what.reality
         for name in ("patched", "reality") if told_of else ():
             if name in cells:
                 cells[f"{name}_corrected"] = replace(cells[name], corrected=told_of)
         played = what.play(cells, what.episodes, "success before", pool)
-        costs = _costs(what, split_patch(patch), played, pool) if patch.effects and what.share_episodes else {}
+        costs = _effect_costs(what, split_patch(patch), played, pool) if patch.effects and what.share_episodes else {}
         told = say(played, costs, None, {})
         if trained_with.effects and how is not None:
             new = learning()
-            told = say(played, costs, new, _chosen(what, patch, told_of, new, pool))
+            told = say(played, costs, new, _score_new_policies(what, patch, told_of, new, pool))
     return told
 
 
@@ -192,7 +192,7 @@ def train_on_patch(
 
 
 @contextmanager
-def _begun(
+def _start_training(
     what: FinetuneSettings, patch: Patch, how: Learning | None, turn: Turn | None
 ) -> Iterator[Callable[[], dict]]:
     """Waits for what training comes to, which is begun at once or then. Where this is interrupted training is too; where anything else is raised
@@ -215,13 +215,13 @@ def _begun(
             raise
 
 
-def _chosen(
+def _score_new_policies(
     what: FinetuneSettings, patch: Patch, told_of: str, learned: dict, pool: Executor
 ) -> dict[str, list[float]]:
     """Scores of the new policies, with the new student or with the old one: whichever the patched simulator has the better scores with, which
     reality is then asked for."""
     places = {"new": learned["weights"], "old": learned["weights_old_student"]}
-    patched = replace(what.patched(patch), corrected=told_of)
+    patched = replace(what.with_patch(patch), corrected=told_of)
     cells = {f"patched_{student}_student": replace(patched, weights=place) for student, place in places.items()}
     played = what.play(cells, what.episodes, "success after", pool)
     learned["student"] = max(places, key=lambda student: sum(played[f"patched_{student}_student"]))
@@ -234,14 +234,16 @@ def _chosen(
     return played
 
 
-def _costs(what: FinetuneSettings, blamed: dict[str, Patch], played: dict, pool: Executor) -> dict[str, dict]:
+def _effect_costs(what: FinetuneSettings, blamed: dict[str, Patch], played: dict, pool: Executor) -> dict[str, dict]:
     """What each part of the patch costs in the patched simulator: its share of success, of the score, and the score that comes back where it alone
     is taken out."""
     names = list(blamed)
     count = min(what.share_episodes, what.episodes) if len(names) > 1 else what.episodes
     asked = {some: f"subset_{sum(1 << names.index(name) for name in some)}" for some in subsets(names)}
     cells = {
-        label: what.patched(join_patches(blamed, some)) for some, label in asked.items() if 0 < len(some) < len(names)
+        label: what.with_patch(join_patches(blamed, some))
+        for some, label in asked.items()
+        if 0 < len(some) < len(names)
     }
     success = what.play(cells, count, "which effect", pool) if cells else {}
     success |= {asked[frozenset()]: played["nominal"][:count], asked[frozenset(names)]: played["patched"][:count]}
@@ -258,15 +260,15 @@ KEPT = {"before": "patched", "corrected": "patched_corrected", "trained": "patch
 """What may be best, and by which scores: nothing told or trained, only told, or both."""
 
 
-def _told(what, patch, played, after, costs, learned, left_out) -> dict:
+def _summarize(what, patch, played, after, costs, learned, left_out) -> dict:
     """The whole result as JSON has it."""
     scores = {**played, **after}
     success = {name: _rate(succeeds(each)) for name, each in scores.items()}
     remaining = corrections(patch).remaining.effects
     # What is best is what the simulator that knows the gap says: reality is asked once, not to choose.
     kept = max((k for k, name in KEPT.items() if name in scores), key=lambda k: sum(scores[KEPT[k]]))
-    lost = _paired(played["nominal"], played["patched"])
-    returned = None if kept == "before" else _paired(scores[KEPT[kept]], played["patched"])
+    lost = _paired_difference(played["nominal"], played["patched"])
+    returned = None if kept == "before" else _paired_difference(scores[KEPT[kept]], played["patched"])
     cause = next((name for name, cost in costs.items() if cost["score"]["value"] > 0 or len(costs) == 1), None)
     value = {name: rate["value"] for name, rate in success.items()}
     return {
@@ -296,6 +298,6 @@ def _rate(each: Sequence[bool]) -> dict:
     return {"value": sum(each) / len(each), "ci95": list(wilson_interval(sum(each), len(each))), "of": len(each)}
 
 
-def _paired(more: Sequence[float], less: Sequence[float]) -> dict:
+def _paired_difference(more: Sequence[float], less: Sequence[float]) -> dict:
     """Difference of two successes on the same episodes, of which these are the scores."""
     return mean_and_interval(np.array(succeeds(more), float) - np.array(succeeds(less), float))

@@ -38,7 +38,7 @@ class ClockMapper:
     def map(self, device: int, arrival: int) -> int:
         """The host's time at which a frame was taken that has the camera's time `device` and came at
         `arrival`."""
-        device = self._unwrapped(device)
+        device = self._unwrap(device)
         if self._newest is not None and self._was_set(device, arrival):
             self.restarts += 1
             self._begin()
@@ -64,7 +64,7 @@ class ClockMapper:
         self._late = self._late + 1 if behind > JUMP else 0
         return behind < -JUMP or device < self._newest or self._late > PATIENCE
 
-    def _unwrapped(self, device: int) -> int:
+    def _unwrap(self, device: int) -> int:
         if not self._wraps or self._newest is None:
             return device
         turns = round((self._newest - device) / self._wraps)

@@ -29,10 +29,10 @@ def view_camera(view: str, calibration: Calibration | None = None) -> Camera:
         return camera
     if view != "calibration":
         raise ValueError(f"view: expected one of {', '.join(VIEWS)}, got {view!r}")
-    return _scaled(camera, CALIBRATION_SIZE / camera.width)
+    return _scale(camera, CALIBRATION_SIZE / camera.width)
 
 
-def _scaled(camera: Camera, factor: float) -> Camera:
+def _scale(camera: Camera, factor: float) -> Camera:
     """The same view in `factor` times as many pixels; integer coordinates are centres of pixels."""
     return replace(
         camera,
@@ -58,7 +58,7 @@ class Rectifier:
         # Where many pixels become one they are averaged: sampled densely first, then scaled down by a whole
         # number.
         self._dense = max(1, int(np.ceil(lens.fx / camera.fx - 0.05)))
-        dense = _scaled(camera, self._dense)
+        dense = _scale(camera, self._dense)
         self._is_identity = lens == Lens(
             camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy
         ) and np.allclose(self.turn, np.eye(3), rtol=0, atol=1e-12)
