@@ -145,6 +145,19 @@ def test_a_known_constant_makes_current_a_torque(tmp_path):
         load_log(tmp_path / "odd.npz", ARM.joints)
 
 
+def test_constants_may_be_given_with_a_recording(tmp_path, capsys):
+    log_of(tmp_path, LOADED, current=True, rate=125, duration=30.0)
+    arguments = [str(tmp_path / "log.npz"), "--model", str(MJCF), "--tip", "tool", "--quick", "--out", str(tmp_path)]
+    constants = ["--torque-per-ampere", *map(str, PER_AMPERE)]
+    assert command.main([*arguments, *constants]) == 0
+    assert "payload at arm" in json.loads(capsys.readouterr().out.splitlines()[-1])["effects"]
+    notes = json.loads((tmp_path / "report.json").read_text())["notes"]
+    assert not any("had to tell" in note for note in notes)
+    assert command.main([*arguments, *constants[:-1]]) == 1
+    assert "expected 6 torque constants" in capsys.readouterr().err
+    assert command.main([*arguments, *constants, "--effort", "sensor"]) == 1
+
+
 def test_a_joint_whose_current_does_not_tell_its_constant_is_not_judged(tmp_path):
     log = log_of(tmp_path, LOADED, current=True)
     noise = np.random.default_rng(0).normal(size=len(log.time))

@@ -48,6 +48,13 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         help="which torque is measured: the drives', or that of sensors after the gear (default: asked of the recording); "
         "or the motors' current in A",
     )
+    parser.add_argument(
+        "--torque-per-ampere",
+        nargs="+",
+        type=float,
+        metavar="NM",
+        help="torque constants at the joints, base to tip, Nm/A: efforts are motor currents (default: estimated)",
+    )
     parser.add_argument("--model", type=Path, help="MJCF or URDF file of another arm: its hinges, in its order")
     parser.add_argument(
         "--joints", nargs="+", metavar="NAME", help="hinges of the model that are the arm, base to tip (default: all)"
@@ -75,6 +82,17 @@ def _load_all(paths: Sequence[Path], arm: Arm) -> list[Log]:
         print(f"reading {path} ({number + 1} of {len(paths)})", file=sys.stderr)
         logs.append(load_log(path, arm))
     return logs
+
+
+def _apply_constants(options: argparse.Namespace, logs: list[Log]) -> list[Log]:
+    """Logs of motor currents as torques, where the options give the constants. Raises ValueError."""
+    if not options.torque_per_ampere:
+        return logs
+    if options.effort not in (None, "current"):
+        raise ValueError(f"--torque-per-ampere: expected efforts that are currents, got --effort {options.effort}")
+    from sim2real.recordings.motor_current import apply_torque_constants
+
+    return [apply_torque_constants(log, options.torque_per_ampere) for log in logs]
 
 
 def verify_patch(options: argparse.Namespace) -> int:
@@ -134,14 +152,13 @@ def main(arguments: list[str] | None = None) -> int:
     began = time.monotonic()
     try:
         arm = _load_nominal_arm(options)
-        logs, before = (_load_all(paths, arm) for paths in (options.logs, options.reference))
+        logs, before = (_apply_constants(options, _load_all(paths, arm)) for paths in (options.logs, options.reference))
+        effort = "drive" if options.torque_per_ampere else options.effort
         total, part = sum(log.duration for log in logs), "parts of " if options.quick else ""
         other = f"{sum(log.duration for log in before):.0f} s of the arm as it was" if before else "the nominal arm"
         print(f"comparing {part}{total:.0f} s with {other}", file=sys.stderr)
         progress = StageProgress(options.quick)
-        diagnosis = diagnose(
-            logs, arm, reference=before, effort=options.effort, quick=options.quick, tell=progress.begin
-        )
+        diagnosis = diagnose(logs, arm, reference=before, effort=effort, quick=options.quick, tell=progress.begin)
     except ContractViolation as violation:
         return report_violation(violation)
     except ValueError as error:

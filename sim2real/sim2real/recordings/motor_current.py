@@ -27,6 +27,16 @@ def mark_as_current(log: Log) -> Log:
     return replace(log, is_current=True, with_gravity=True, commands=None)
 
 
+def apply_torque_constants(log: Log, per_ampere: Sequence[float]) -> Log:
+    """Motor currents as torques by known constants (k,) Nm/A at the joints. Raises ValueError for constants that cannot be."""
+    constants = np.asarray(per_ampere, dtype=float)
+    if constants.shape != log.torque.shape[1:] or not (np.isfinite(constants) & (constants > 0)).all():
+        raise ValueError(
+            f"{log.name}: expected {log.torque.shape[1]} torque constants above 0 Nm/A, got {constants.tolist()}"
+        )
+    return replace(mark_as_current(log), torque=log.torque * constants, is_current=False)
+
+
 def estimate_torque_constants(logs: Sequence[Log], arm: Arm) -> np.ndarray:
     """Nm/A (k,) at the joint by which motor currents of these logs are torques of this arm; NaN for joints whose load or
     motion is too small to determine it.

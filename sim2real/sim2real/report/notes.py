@@ -21,7 +21,7 @@ def list_notes(diagnosis: Diagnosis, tried: bool) -> list[str]:
         if unknown := [joint for joint, known in zip(arm.joints, context.has_torque) if not known]:
             found.append(
                 f"The motion does not determine the constant of {', '.join(unknown)}: nothing is said of these joints. Record "
-                "them under more load, or give torque_per_ampere."
+                "them under more load, or give torque_per_ampere (`--torque-per-ampere`)."
             )
         if not context.reference:
             found.append("A wrong torque scale of a joint cannot be told from an unknown constant: none is looked for.")
