@@ -21,6 +21,7 @@ from np_description.panda import STATE_NAMES
 from np_description.phases import PhaseState
 from np_record.bag import BagError, Recording
 from np_record.bag_writer import INCOMPLETE, BagWriter
+from np_record.cdr import TYPESTORE
 from np_record.recorder import HORIZON, Sequencer
 from np_record.topics import BY_NAME, TIMELINE, TOPICS
 from np_ros.messages import gains_message, joint_state_message, pose_message
@@ -176,8 +177,6 @@ def test_a_damaged_message_is_named(tmp_path):
 
 
 def foreign(path, topic, message_type, data):
-    from np_record.cdr import TYPESTORE
-
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         writer.write(writer.add_connection(topic, message_type, typestore=TYPESTORE), 1, data)
     return path
@@ -199,6 +198,35 @@ def test_a_foreign_bag_is_named(tmp_path):
         Recording(former, required=["episode/phase"])
     with pytest.raises(BagError, match="does not exist"):
         Recording(tmp_path / "nothing")
+
+
+@pytest.mark.parametrize("text", ["evening, arm 2", "5", "[1]", ""])
+def test_run_info_of_another_form_is_named_where_it_is_asked_for(tmp_path, text):
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        writer.set_custom_data("run_info", text)
+        writer.write(writer.add_connection("/joint_states", TIMELINE.type, typestore=TYPESTORE), 7, state(0))
+    with Recording(tmp_path / "bag") as recording:
+        assert recording.counts == {"joint_states": 1} and recording.information_or_none == {}
+        with pytest.raises(BagError, match="expected a JSON object as run_info"):
+            len(recording.information)
+
+
+def test_messages_without_a_stamp_of_their_own_are_dated_by_the_log(tmp_path):
+    """As a driver writes them that leaves the header empty: by log times of the same clock, else not at all."""
+    topics = {"joint_states": TIMELINE, "object_pose": BY_NAME["object_pose"]}
+    for name, late in (("same", 0), ("other", 10**18)):
+        with Writer(tmp_path / name, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            connections = {n: writer.add_connection(f"/{n}", t.type, typestore=TYPESTORE) for n, t in topics.items()}
+            for step in range(1, 4):
+                writer.write(connections["joint_states"], step * PERIOD + late, state(step))
+                writer.write(connections["object_pose"], step * PERIOD + late, pose(0))
+    stamps = [step * PERIOD for step in range(1, 4)]
+    with Recording(tmp_path / "same") as recording:
+        assert [m.stamp for m in recording.messages("object_pose")] == stamps
+    with Recording(tmp_path / "other") as recording:
+        assert [m.stamp for m in recording.messages("joint_states")] == stamps
+        with pytest.raises(BagError, match="object_pose: expected messages with a stamp"):
+            next(recording.messages("object_pose"))
 
 
 FULL = """
