@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import RegionOfInterest
 
 from np_description import message_arrays
 from np_description.camera import CAMERA
@@ -216,3 +217,37 @@ def test_camera_info_round_trip():
     distorted.d = [0.1, 0.0, 0.0, 0.0, 0.0]
     with pytest.raises(BadMessage, match="rectified"):
         message_arrays.camera_info_arrays(distorted)
+
+
+@pytest.mark.parametrize(
+    "changes, text",
+    [
+        (
+            dict(distortion_model="equidistant"),
+            "got 'equidistant' with 5",
+        ),  # no pinhole, also where its coefficients are zero
+        (dict(distortion_model="", d=[0.1, 0.0, 0.0, 0.0, 0.0]), "expected plumb_bob"),
+        (dict(distortion_model="rational_polynomial", d=[0.0] * 7 + [0.1]), "expected plumb_bob"),
+        (dict(k=[0.0] * 9), "expected a calibrated camera"),
+        (dict(binning_x=2), "expected whole images, got binning 2 x 0"),
+        (dict(roi=RegionOfInterest(x_offset=8, width=100, height=100)), "expected whole images"),
+    ],
+)
+def test_a_camera_that_is_no_whole_pinhole_is_refused(changes, text):
+    message = messages.camera_info_message(1, "camera", CAMERA)
+    for name, value in changes.items():
+        setattr(message, name, value)
+    with pytest.raises(BadMessage, match=text):
+        message_arrays.camera_info_lens(message)
+
+
+def test_r_turns_the_images_of_our_camera_node_alone():
+    """Of any other camera it is a stereo rectification, which is not applied to image_raw."""
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    for frame, expected in (("camera", np.eye(3)), (message_arrays.TURNED_CAMERA, turn)):
+        message = messages.camera_info_message(1, frame, CAMERA, turn)
+        np.testing.assert_array_equal(message_arrays.camera_info_lens(message)[1], expected)
+    known = messages.camera_info_message(1, "camera", CAMERA, turn)
+    np.testing.assert_array_equal(message_arrays.camera_info_lens(known, is_turned=True)[1], turn)
+    known.distortion_model, known.d = "rational_polynomial", [0.1, 0.2, 0.3, 0.4, 0.5, 0.0, 0.0, 0.0]
+    assert message_arrays.camera_info_lens(known)[0].distortion == (0.1, 0.2, 0.3, 0.4, 0.5)
