@@ -1,4 +1,4 @@
-"""What owns the robot in a graph, and the camera with it: the simulated one, or drivers of the real ones."""
+"""The nodes that own robot and camera: a simulator, or the drivers of the real ones."""
 
 from __future__ import annotations
 
@@ -108,11 +108,11 @@ def real_nodes(given: Mapping[str, str]) -> list[NodeSpec]:
 
 
 def own_nodes(given: Mapping[str, str]) -> list[NodeSpec]:
-    """What we add to a backend of somebody's own: the controller, unless it has one on board."""
+    """The nodes beside a backend of the user's own: the controller, unless it has one on board."""
     is_ours = given["control"] == "topic"
     return [NodeSpec("np_control", "joint_impedance", parameters={"mode": given["mode"]})] if is_ours else []
 
 
 def node_name(given: Mapping[str, str]) -> str:
-    """Of the backend, whose diagnostics `episode` hears."""
+    """Name of the backend's node, whose diagnostics `episode` reads."""
     return given["backend_node"] or given["backend"]

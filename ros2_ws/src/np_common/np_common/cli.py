@@ -1,4 +1,4 @@
-"""What commands share: options, new folders, progress, interruption."""
+"""Shared parts of commands: options, new folders, progress, interruption."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every report shares: the look of its plots, a plot as SVG text, and a page from a package's template."""
+"""Shared parts of reports: the style of plots, a plot as SVG text, and a page from a package's template."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who does the cases of a long job: processes of this machine, or those of a Dask cluster.
+"""Executors for the cases of a long job: processes of this machine, or workers of a Dask cluster.
 
 A case is a function at the top of a module and its arguments, and leaves what it found in files of a folder that every machine sees.
 """
@@ -33,7 +33,7 @@ _MOST = 1024  # cases at a time
 
 
 def missing(cluster: str) -> str:
-    """What is not installed of what `cluster` needs, in words; "" for nothing."""
+    """The missing package that `cluster` needs, in words; empty where none is missing."""
     if cluster and find_spec("distributed") is None:
         return f"{cluster}: expected the package distributed, which `make cluster` installs"
     return ""

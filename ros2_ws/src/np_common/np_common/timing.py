@@ -1,4 +1,4 @@
-"""How long a call takes, as benches say it."""
+"""Duration of a call, in the form of the benches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the external force came to in an episode: the figures of an evaluation's row, their summary, and the force reflex."""
+"""The external force of an episode: figures of an evaluation's row, their summary, and the force reflex."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class ForceWatch:
 
     @property
     def figures(self) -> ForceFigures:
-        """Of the episode so far."""
+        """Figures of the episode so far."""
         steps = sorted(self._touches)
         periods = np.cumsum([self._touches[step] for step in steps])
         median, q99 = (
@@ -97,7 +97,7 @@ def read_figures(text: str) -> ForceFigures:
 
 
 def summary(episodes: Iterable[ForceFigures]) -> dict[str, object]:
-    """Of several episodes; {} for none.
+    """Summary of several episodes; {} for none.
 
     force_n and raw_peak_n: median, 99 % and largest of the episodes' largest forces, N; touching_n: median of their medians while
     touching; peak_by: episodes by the body that gave the raw peak; reflex_stops: episodes with at least one stop by threshold, N.

@@ -22,7 +22,7 @@ TRAJECTORY_PHASES = (APPROACH, EXCITE)
 
 @dataclass(frozen=True)
 class TickInputs(Generic[TrajectoryT, PoseT, GainsT]):
-    """What takes effect at a policy tick."""
+    """The inputs that take effect at a policy tick."""
 
     phase: str
     """The phase in force."""
@@ -93,7 +93,7 @@ class LockstepCommandInput(Generic[TrajectoryT, PoseT, GainsT]):
         return None
 
     def take(self, stamp: int) -> TickInputs[TrajectoryT, PoseT, GainsT] | None:
-        """What takes effect at the state of `stamp` ns, for which nothing is missing; None between ticks."""
+        """The inputs that take effect at the state of `stamp` ns, which is complete; None between ticks."""
         if stamp % self._period:
             return None
         state = self._tick[1]

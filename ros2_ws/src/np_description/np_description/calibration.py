@@ -1,4 +1,4 @@
-"""Where the real camera is: one file, written by the command `calibrate`, read by whoever projects or
+"""The real camera's pose: one file, written by the command `calibrate`, read by all that project or
 rectifies.
 
 The file is YAML. It keeps the pose of the camera's own optical frame in the robot's base frame, how sure it
@@ -55,7 +55,7 @@ class Lens(Pinhole):
 
 @dataclass(frozen=True)
 class CalibrationErrors:
-    """How well a camera was calibrated; the 95 % bounds are of the length of the error."""
+    """Accuracy of a calibration; the 95 % bounds are of the length of the error."""
 
     position_95: float
     """Bound of the camera's position, m."""
@@ -146,14 +146,14 @@ class Calibration:
 
     @property
     def displacement(self) -> tuple[float, float]:
-        """How far the camera is from CAMERA: distance m and angle rad. The policies learned with CAMERA."""
+        """Distance m and angle rad to CAMERA, with which the policies were trained."""
         return (
             float(np.linalg.norm(self.position - CAMERA.position)),
             float(np.linalg.norm(vector_from_matrix(self.turn))),
         )
 
     def age(self, now: datetime | None = None) -> timedelta:
-        """How old it is. Raises CalibrationError for one from the future: a clock is wrong then."""
+        """Age of the calibration. Raises CalibrationError for one from the future: a clock is wrong then."""
         age = (now or datetime.now(UTC)) - self.made
         if age < -_CLOCK_TOLERANCE:
             raise CalibrationError(
@@ -248,7 +248,7 @@ def calibrated_camera(path: str) -> Camera:
 
 
 def norm_bound(covariance: np.ndarray, dof: float = np.inf, share: float = 0.95) -> float:
-    """What the length of an error (n,) with this covariance (n, n) stays under with probability `share`.
+    """Bound on the length of an error (n,) with covariance (n, n), at probability `share`.
 
     Student's t with `dof` degrees of freedom, normal where infinite; by 40,000 draws that are always the
     same.

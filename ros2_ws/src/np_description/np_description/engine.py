@@ -1,4 +1,4 @@
-"""What a physics engine owes the bridge: everything else of a simulated robot exists once, in `Simulation`."""
+"""The interface of a physics engine; the rest of a simulated robot exists once, in `Simulation`."""
 
 from __future__ import annotations
 

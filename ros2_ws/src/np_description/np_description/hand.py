@@ -1,4 +1,4 @@
-"""What of the Franka hand touches things: fingertips, the fingers' shafts, the housing.
+"""The shapes of the Franka hand that touch: fingertips, the fingers' shafts, the housing.
 
 Frames: of the hand, z towards the fingertips, fingers open along y; of a finger, y away from the other finger, which it meets
 at y = 0.

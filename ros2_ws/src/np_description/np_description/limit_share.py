@@ -1,4 +1,4 @@
-"""How much of its limits an arm uses: what tells a motion that the next robot can make from one that its reflex stops."""
+"""The share of its limits that an arm uses, which tells a motion that the next robot can make from one that its reflex stops."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def limit_shares(
 
 
 def summary(shares: Iterable[np.ndarray]) -> dict[str, dict[str, float | list[float]]]:
-    """Of the largest shares (3, 7) of episodes, by limit: median and 99 % of any joint's, and 99 % of each joint's.
+    """Quantiles of the episodes' largest shares (3, 7), by limit: median and 99 % of any joint, and 99 % of each joint.
 
     {} for no episodes.
     """

@@ -79,7 +79,7 @@ class MujocoEngine:
         return found
 
     def step(self, torque: np.ndarray, extra: np.ndarray, opening: float) -> None:
-        """As in Engine; what is named is MuJoCo's warning."""
+        """As in Engine; the text is MuJoCo's warning."""
         self.data.ctrl[self._motors], self.data.ctrl[self._fingers] = torque, opening
         self.data.qfrc_applied[self._velocity[: len(JOINT_NAMES)]] = extra
         mujoco.mj_step(self.model, self.data, self._substeps)

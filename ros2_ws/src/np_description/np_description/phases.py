@@ -43,14 +43,14 @@ class PhaseState:
 
     @classmethod
     def of(cls, values: Mapping[str, str]) -> PhaseState:
-        """What `values` were made of; other keys are passed over. Raises ValueError without a known `phase`."""
+        """The state that `values` were made from; other keys are ignored. Raises ValueError without a known `phase`."""
         if "phase" not in values:
             raise ValueError(f"expected the key phase, got {', '.join(values) or 'no keys'}")
         return cls(**{field.name: values[field.name] for field in fields(cls) if field.name in values})
 
 
 def split_reason(text: str) -> tuple[str, str]:
-    """What a text names before its first colon, and the rest: "post: timeout" -> ("post", "timeout").
+    """The part of a text before its first colon, and the rest: "post: timeout" -> ("post", "timeout").
 
     The reason of `failed` begins with the phase that failed.
     """

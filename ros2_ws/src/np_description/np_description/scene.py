@@ -136,7 +136,7 @@ def set_friction_law(option: mujoco.MjOption, contact: ContactModel) -> None:
 
 
 def surface_options(friction: float, compliance: Compliance) -> dict:
-    """What a geom's surface is like, as MuJoCo names it."""
+    """Surface options of a geom, as MuJoCo names them."""
     return dict(friction=[friction, TORSION, ROLLING], solref=compliance.solref, solimp=compliance.solimp)
 
 

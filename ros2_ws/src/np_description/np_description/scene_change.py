@@ -1,4 +1,4 @@
-"""What of a scene is other than it is believed to be: the table's height, frictions, the object's mass. One change for every engine."""
+"""A difference between the true scene and the nominal one: table height, frictions, the object's mass. One for every engine."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class SceneChange:
         return replace(contact, table=self.table * contact.table, finger=self.finger * contact.finger)
 
     def pose(self, pose: Pose) -> Pose:
-        """Where something truly is that is believed to lie on the table at a pose."""
+        """The true pose of something that nominally lies on the table at a pose."""
         return Pose(pose.position + [0.0, 0.0, self.lift], pose.quaternion)
 
 

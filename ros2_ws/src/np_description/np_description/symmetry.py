@@ -1,4 +1,4 @@
-"""What a box leaves open: turns that lay it onto itself, and with them the names of its corners.
+"""The symmetries of a box: rotations that map it onto itself, and the permutations of its corners.
 
 A cube's task is the same whichever of its faces is called the first, as long as start and goal agree. A policy that
 sees the object always under the names that bring its goal nearest to the axes of the base frame learns each task once
@@ -42,7 +42,7 @@ def corner_orders(half_size: tuple[float, float, float]) -> np.ndarray:
 
 @cache
 def _upright(domain: Task) -> np.ndarray:
-    """Where (8, 2) the corners of the object at the identity lie about their mean, in normalised image coordinates."""
+    """Corners (8, 2) of the object at the identity about their mean, in normalised image coordinates."""
     position = np.array([0.5, 0.0, domain.half_size[2]])
     layout = CAMERA.normalise(CAMERA.project(box_keypoints(np.asarray(domain.half_size), position, _IDENTITY))[0])
     return layout - layout.mean(axis=0)

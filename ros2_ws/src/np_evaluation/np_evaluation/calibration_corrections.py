@@ -1,4 +1,4 @@
-"""What a patch corrects where it belongs: in the camera's calibration and in the arm's driver, before any policy is trained.
+"""Corrections of the camera's calibration and the arm's driver by a patch, before any policy is trained.
 
 A camera that stands elsewhere, a joint's zero, a load in the hand, torque that a drive gives unasked, dry friction, and images that come late are
 numbers of the robot's own configuration. Policies need not learn them: with the right numbers they meet what they know.
@@ -81,7 +81,7 @@ class CompensatedView:
         self._last: tuple[int, np.ndarray] | None = None
 
     def __call__(self, seen: np.ndarray, stamp: int) -> np.ndarray:
-        """Of keypoints (8, 3) u px, v px, score, found in the image of `stamp` ns."""
+        """The corrected keypoints of those (8, 3) u px, v px, score that were found in the image of `stamp` ns."""
         seen = self._reproject(seen)
         if not self._told.delay:
             return seen
@@ -104,7 +104,7 @@ class CompensatedView:
 
 
 class CompensatedArm:
-    """Between the arm and all that reads and drives it: angles as they are, and the torque that makes the arm do what is asked of it."""
+    """A driver with corrections: true joint angles, and the torque that makes the arm follow the command."""
 
     def __init__(self, told: Corrections):
         arm = told.arm
@@ -118,7 +118,7 @@ class CompensatedArm:
         self._is_none = not arm.effects
 
     def read(self, measured: Measurement) -> Measurement:
-        """What the encoders say, without what they say too much, when a command that is given now will act."""
+        """The measurement without encoder bias, predicted to the time at which a command given now acts."""
         if self._is_none:
             return measured
         position, velocity = measured.position.copy(), measured.velocity.copy()
@@ -128,7 +128,7 @@ class CompensatedArm:
         return Measurement(measured.stamp, position, velocity, measured.effort)
 
     def drive(self, torque: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-        """What to ask of the drives (7,) Nm for `torque` (7,) Nm without gravity. q (7,) rad: as `read` has it; dq (7,) rad/s."""
+        """Drive command (7,) Nm for `torque` (7,) Nm without gravity. q (7,) rad and dq (7,) rad/s: as from `read`."""
         if self._is_none:
             return torque
         if self._ahead is not None:

@@ -83,11 +83,11 @@ class InProcessRollout:
 
     @property
     def domain(self) -> Task:
-        """Whose episodes they are."""
+        """The task of the episodes."""
         return self._domain
 
     def time_engine(self, take: Callable[[float], None]) -> None:
-        """From now on `take` is told the processor time s of every step of the engine."""
+        """Call `take` with the processor time s of every step of the engine from now on."""
         make = self._engine
 
         def timed(*arguments, **options):

@@ -24,7 +24,7 @@ OURS = "ours"
 
 @dataclass(frozen=True)
 class TableSettings:
-    """What all cells of a table share."""
+    """The settings that all cells of a table share."""
 
     engine: str
     """mujoco or physx."""
@@ -61,7 +61,7 @@ class TableCell:
 
 @dataclass(frozen=True)
 class CellResult:
-    """What came of a cell."""
+    """The result of a cell."""
 
     cell: TableCell
     """The cell."""
@@ -72,7 +72,7 @@ class CellResult:
 
     @property
     def successes(self) -> int:
-        """Of its episodes."""
+        """Number of successful episodes."""
         return sum(result.success for result in self.results)
 
 

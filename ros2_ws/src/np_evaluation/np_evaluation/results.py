@@ -47,7 +47,7 @@ class Results:
 
     @property
     def results(self) -> list[Result]:
-        """In the order of their numbers."""
+        """Results in the order of their numbers."""
         return [self._by_number[number] for number in sorted(self._by_number)]
 
     def add(self, result: Result) -> None:
@@ -71,7 +71,7 @@ class Results:
         return self.path.with_suffix(f".{numbers.start}_{numbers.stop}.part")
 
     def finished(self) -> int:
-        """How many episodes have a result, those in parts included."""
+        """Number of episodes with a result, those in parts included."""
         return len(self._by_number) + sum(max(0, path.read_text().count("\n")) for path in self._parts())
 
     def collect(self) -> None:
@@ -91,7 +91,7 @@ class Results:
 
 
 class PartialResults:
-    """Where a process of its own puts down the results of its episodes, in order; `Results` collects them.
+    """The file in which one worker process writes its results in order; `Results` collects them.
 
     `done`: how many are there already, of one that was lost with the process before.
     """
@@ -103,7 +103,7 @@ class PartialResults:
         self.done = len(complete)
 
     def add(self, result: Result) -> None:
-        """As of Results."""
+        """As `Results.add`."""
         with self._path.open("a") as file:
             file.write(_line(result))
 
@@ -139,7 +139,7 @@ def _read(path: Path, lines: list[str], first: int) -> Iterator[tuple[int, Resul
 
 
 def _key(header: str) -> str:
-    """What a first line says of how episodes were run; the line itself where it is no such line."""
+    """The settings in a first line, without the revision; the line itself where it has none."""
     try:
         settings = json.loads(header)["settings"]
         return json.dumps({name: value for name, value in settings.items() if name != "revision"}, sort_keys=True)

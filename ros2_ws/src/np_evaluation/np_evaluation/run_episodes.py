@@ -17,7 +17,7 @@ from np_ros.processes.supervisor import NodeDied
 
 
 class ResultSink(Protocol):
-    """Who takes results."""
+    """A receiver of results."""
 
     def add(self, result: Result) -> None:
         """One result, which has to be kept at once."""

@@ -141,7 +141,7 @@ def summary(results: list[Result]) -> dict[str, object]:
 
 
 def reasons(results: Sequence[Result]) -> dict[str, int]:
-    """What the graph said of the episodes that failed, and how often, the most frequent first: numbers are left out (#)."""
+    """The graph's reasons for failures with their counts, the most frequent first; numbers are replaced by #."""
     said = (
         "declared a success and was none" if r.declared == SUCCEEDED else re.sub(r"-?\d+(\.\d+)?", "#", r.reason)
         for r in results
@@ -158,7 +158,7 @@ def _rate(successes: int, episodes: int) -> dict[str, object]:
 
 
 def engine_version(engine: str) -> str:
-    """What identifies the physics of mujoco or physx: the library's version, and of PhysX that of our frozen scene."""
+    """Version of the physics of mujoco or physx: the library's version, and of PhysX that of our frozen scene."""
     if engine == "mujoco":
         return f"mujoco {version('mujoco')}"
     from np_physx_bridge.engine import VERSION

@@ -55,7 +55,7 @@ def coefficient(contact: ContactModel, friction: float, is_object: bool) -> floa
 
 
 def count_substeps(mass: float, *, is_rigid: bool) -> int:
-    """In how many steps the engine does 2 ms for an object of so many kg: one from LIGHT on."""
+    """Number of engine steps in 2 ms for an object of a mass kg: one from LIGHT on."""
     # A float of .008 over another must not make 2 of 1.
     wanted = int(np.ceil(LIGHT / mass - 1e-6))
     return max(1, min(wanted, MOST_PASSES // (OBJECT_ITERATIONS if is_rigid else PARTS_ITERATIONS)))
@@ -83,7 +83,7 @@ class Translator:
         self.kinds: dict[object, str] = {}
 
     def surroundings(self):
-        """What does not move, as one entity."""
+        """The fixed bodies as one entity."""
         component = self._physx.PhysxRigidStaticComponent()
         self._attach(component, self._geoms(0))
         entity = self._sapien.Entity()

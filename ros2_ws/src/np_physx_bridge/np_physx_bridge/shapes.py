@@ -1,4 +1,4 @@
-"""What shapes of PhysX stand for a geom of MuJoCo, so that they touch as rigid bodies do."""
+"""PhysX shapes for a geom of MuJoCo, with the contact of rigid bodies."""
 
 from __future__ import annotations
 

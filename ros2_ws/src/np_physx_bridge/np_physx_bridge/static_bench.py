@@ -21,7 +21,7 @@ from np_sim_bridge import static_bench as bench
 
 
 def results() -> dict[str, dict]:
-    """What each engine answers, by its name; PhysX only where it is installed."""
+    """Results by engine; PhysX only where it is installed."""
     found = {
         f"MuJoCo {name}": bench.bench(bench.mujoco(contact), contact.table)
         for name, contact in sorted(CONTACTS.items(), reverse=True)

@@ -1,1 +1,1 @@
-"""What every node shares: quality of service, message translation, node idiom, low-latency spinning."""
+"""Shared parts of nodes: quality of service, message translation, node idiom, low-latency spinning."""

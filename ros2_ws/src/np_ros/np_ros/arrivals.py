@@ -15,7 +15,7 @@ _NOW = Duration(nanoseconds=0)
 
 
 class Arrivals:
-    """Of some publishers' messages; within: ns of the backend's time that there may be between two looks at which all had arrived."""
+    """Whether messages of some publishers have arrived; within: ns of the backend's time that there may be between two looks at which all had arrived."""
 
     def __init__(self, publishers: Sequence[Publisher], within: int):
         self._arrived: list[Callable[[Duration], bool]] = [each.wait_for_all_acked for each in publishers]

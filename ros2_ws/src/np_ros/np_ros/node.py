@@ -243,7 +243,7 @@ class Diagnostics:
         return array
 
     def _subscribers(self) -> str:
-        """How many subscribers each publisher of the node has found: "topic=count ...".
+        """Number of subscribers that each publisher of the node has found: "topic=count ...".
 
         Only the node itself knows: what the graph shows elsewhere may not have reached it, and what it
         publishes until then is lost.

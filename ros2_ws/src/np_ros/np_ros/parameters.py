@@ -79,7 +79,7 @@ def list_parameters(kind: type[Node]) -> list[NodeParameter]:
 
 
 def help_text(make_node: Callable[[], Node]) -> str:
-    """What `--help` prints of a node: what it is for, and every parameter with type, default, range and meaning."""
+    """The `--help` text of a node: its purpose, and every parameter with type, default, range and meaning."""
     lines = [f"usage: {Path(sys.argv[0]).name} [--ros-args -p NAME:=VALUE ...]", ""]
     purpose = (sys.modules[make_node.__module__].__doc__ or "").split("\n\n")[0]
     lines += [*textwrap.wrap(" ".join(purpose.split()), 100), ""]

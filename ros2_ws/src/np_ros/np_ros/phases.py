@@ -27,7 +27,7 @@ def phase_message(state: PhaseState, stamp: int = 0) -> DiagnosticArray:
 
 
 def phase_state(message: DiagnosticArray) -> PhaseState:
-    """What a message of `episode/tick` or `episode/phase` says. Raises BadMessage (names, range)."""
+    """The phase in a message of `episode/tick` or `episode/phase`. Raises BadMessage (names, range)."""
     values = _values(message, EPISODE)
     try:
         return PhaseState.of(values)

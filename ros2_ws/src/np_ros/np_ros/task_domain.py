@@ -1,4 +1,4 @@
-"""What a node is told of its task: the domain, and the object that it is played with."""
+"""The parameters of a node's task: domain and object."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What time waits for in lockstep (docs/reference/graph.md). No ROS."""
+"""The barrier of lockstep: the answers that time waits for (docs/reference/graph.md). No ROS."""
 
 from __future__ import annotations
 

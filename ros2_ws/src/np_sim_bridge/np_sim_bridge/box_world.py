@@ -32,7 +32,7 @@ class BoxOnTable:
 
 
 class BoxWorld(Protocol):
-    """What an engine has to offer for the static bench. The box begins at rest at the origin of the table."""
+    """The interface of an engine for the static bench. The box begins at rest at the origin of the table."""
 
     def tilt(self, angle: float, heading: float) -> None:
         """Turn gravity by `angle` rad, downhill towards `heading` rad in the table's plane."""
@@ -47,13 +47,13 @@ class BoxWorld(Protocol):
         """Let time go on."""
 
     def pose(self) -> Pose:
-        """Of the box."""
+        """Pose of the box."""
 
     def velocity(self) -> np.ndarray:
-        """Of the box's centre (3,) m/s."""
+        """Velocity of the box's centre (3,) m/s."""
 
     def tip(self) -> np.ndarray:
-        """Of the finger's tip, the centre of its sphere (3,) m."""
+        """Centre of the fingertip's sphere (3,) m."""
 
 
 class MujocoBoxWorld:

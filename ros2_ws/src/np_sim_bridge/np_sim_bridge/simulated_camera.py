@@ -13,7 +13,7 @@ from np_sim_bridge.view import SceneView
 
 
 class SimulatedCamera:
-    """Of the scene that `make` builds a renderer of.
+    """A simulated camera of the scene that `make` builds a renderer for.
 
     effects: of the view; deliver(stamp ns, pixels (height, width, 3) uint8) takes an image, in the camera's thread; wait: whether
     the simulation waits where images are not drawn in time, or they are dropped. Raises what building the renderer raises.

@@ -134,7 +134,7 @@ class Simulation:
 
     @property
     def held_back(self) -> tuple[str, ...]:
-        """Where the patch asks for less than is physical, a line for each."""
+        """The parameters of the patch that are below the physical minimum, a line for each."""
         return tuple(self._patch.clipped_parameters())
 
     @property

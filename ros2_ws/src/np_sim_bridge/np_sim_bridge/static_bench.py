@@ -27,7 +27,7 @@ HEADINGS = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0, 90.0)  # degrees, downhill
 
 
 def _turn(world: BoxWorld) -> float:
-    """How far the box has turned about the vertical, rad."""
+    """Rotation of the box about the vertical, rad."""
     rotation = matrix_from_quaternion(world.pose().quaternion)
     return float(np.arctan2(rotation[1, 0], rotation[0, 0]))
 

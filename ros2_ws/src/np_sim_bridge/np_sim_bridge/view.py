@@ -1,4 +1,4 @@
-"""What a simulated camera shows of the scene where its view has effects: which moment, through which lens."""
+"""The view of a simulated camera with effects: the moment shown, and the lens."""
 
 from __future__ import annotations
 

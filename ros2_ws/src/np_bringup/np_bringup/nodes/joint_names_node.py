@@ -21,7 +21,7 @@ from np_ros.node import Diagnostics, parameter, run
 
 
 class JointNameMap:
-    """What a backend calls the joints.
+    """The backend's names of the joints.
 
     text: its nine names in our order (seven joints, two fingers), by commas; one word alone is the prefix that it has in
     place of `panda`. Raises ValueError for another number of names, or one that comes twice.

@@ -67,7 +67,7 @@ def markers(scene: dict, poses: list, stamp: int) -> MarkerArray:
 
 
 def transforms(scene: dict, poses: list, stamp: int) -> list[TransformStamped]:
-    """From the base to every other body whose pose is known."""
+    """Transforms from the base to every other body with a known pose."""
     found = []
     for name, pose in zip(scene["bodies"], poses):
         if pose is None or name in (WORLD, BASE_FRAME):

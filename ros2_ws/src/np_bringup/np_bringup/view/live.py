@@ -46,7 +46,7 @@ class LiveGraph:
         node.create_subscription(Image, "camera/image_raw", self._on_image, stream)
 
     def scene(self) -> dict:
-        """What is drawn, and what kind of source this is."""
+        """The shapes to draw, and the kind of source."""
         return {**self._scene.scene(), "live": True, "has_images": True}
 
     def state(self) -> dict:

@@ -52,7 +52,7 @@ class RecordedEpisode:
             self._phases = []
 
     def scene(self) -> dict:
-        """What is drawn, and what kind of source this is."""
+        """The shapes to draw, and the kind of source."""
         return {**self._scene.scene(), "live": False, "has_images": bool(self._images)}
 
     def episode(self) -> dict:
@@ -77,7 +77,7 @@ class RecordedEpisode:
 
 
 def error(pose: Pose | None, goal: Pose | None) -> dict:
-    """How far the object is from its goal, by the true pose where there is one."""
+    """Distance and angle of the object to its goal, by the true pose where there is one."""
     if pose is None or goal is None:
         return {"distance": None, "angle": None}
     distance, angle = pose_error(pose.position, pose.quaternion, goal.position, goal.quaternion)

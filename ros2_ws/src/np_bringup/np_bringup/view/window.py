@@ -24,7 +24,7 @@ _GOAL = np.array([0.2, 0.8, 0.3, 0.3], np.float32)
 
 @dataclass(frozen=True)
 class Moment:
-    """What a window shows of one moment."""
+    """The state that a window shows."""
 
     joints: np.ndarray
     """Arm and fingers (9,) rad and m."""

@@ -27,7 +27,7 @@ Pose = tuple[np.ndarray, np.ndarray]  # position (3,) m, rotation (3, 3)
 
 
 class CommandSink(Protocol):
-    """Who is led. None stands for what came but was refused, or, of a trajectory, for no plan."""
+    """The receiver of inputs. None stands for a refused message, or for a trajectory without a plan."""
 
     def on_trajectory(self, stamp: int, trajectory: Trajectory | None) -> None:
         """A plan that answers the state of `stamp` ns."""

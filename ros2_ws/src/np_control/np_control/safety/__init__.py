@@ -1,4 +1,4 @@
-"""What may move the arm: limits, command validation, watchdog, and the filter a backend runs every period.
+"""The guards of the arm: limits, command validation, watchdog, and the filter a backend runs every period.
 
 Pure NumPy and clock-free (every function is told the time), so that the sim bridge, the hardware driver and
 the controller share one definition and one behaviour.

@@ -22,7 +22,7 @@ REST_DAMPING = np.array([40.0, 40.0, 40.0, 40.0, 8.0, 8.0, 8.0])  # Nms/rad
 
 @dataclass(frozen=True)
 class AppliedCommand:
-    """What the backend must apply, with gravity compensation on top."""
+    """The command that the backend applies, with gravity compensation on top."""
 
     state: State
     """State of the watchdog."""
@@ -103,7 +103,7 @@ class SafetyFilter:
         self._command, self._target = command, command.position
 
     def apply(self, now: int, q: np.ndarray, dq: np.ndarray) -> AppliedCommand:
-        """What to apply in the period that starts at `now`, for the measured q (7,) rad and dq (7,) rad/s.
+        """The command to apply in the period that starts at `now`, for the measured q (7,) rad and dq (7,) rad/s.
 
         Never raises for bad data: a state that is not finite, too fast or outside the joints' range is a
         fault, and the torque then fades to zero or brakes.

@@ -70,7 +70,7 @@ class Refusals:
 
 
 class _Counting:
-    """What `Refusals.counting` gives: it is entered at 500 Hz, where a generator costs as much as half of the checks inside."""
+    """The context of `Refusals.counting`. At 500 Hz a generator would cost half as much as the checks inside."""
 
     def __init__(self, refusals: Refusals):
         self._refusals = refusals

@@ -86,7 +86,7 @@ class Watchdog:
             self._enter(State.FAULT, cause)
 
     def recover(self, at_rest: bool) -> None:
-        """From stopped or fault to ready. Refusal: not_at_rest while the arm moves, state elsewhere."""
+        """Change from stopped or fault to ready. Refusal: not_at_rest while the arm moves, state elsewhere."""
         if self.state not in (State.STOPPED, State.FAULT):
             raise Refusal(Reason.STATE, f"nothing to recover from: {self.state}")
         if not at_rest:

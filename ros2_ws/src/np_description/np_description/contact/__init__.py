@@ -1,1 +1,1 @@
-"""How things touch: the definition that every engine, training and the bench share, and how deep shapes come to be in each other."""
+"""The contact definition that engines, training and bench share, and penetration depths."""

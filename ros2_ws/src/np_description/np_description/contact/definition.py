@@ -1,4 +1,4 @@
-"""How things touch in a domain's scene: what MuJoCo's contacts are made of, read off the compiled model."""
+"""The contact definition of a domain's scene, read off the compiled MuJoCo model."""
 
 from __future__ import annotations
 

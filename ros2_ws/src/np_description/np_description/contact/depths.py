@@ -1,4 +1,4 @@
-"""How often which depth of contact was seen, and what many episodes come to. No MuJoCo: whoever counts need not measure."""
+"""Histograms of penetration depths, and their summary over episodes. No MuJoCo."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class PenetrationDepths:
     """Of the moments in which the robot touches the object, the share in which housing or links do."""
 
     def as_dict(self) -> dict:
-        """For JSON: the keys of the command line's contract."""
+        """The keys of the published JSON."""
         return {
             "median": self.median,
             "q99": self.q99,
@@ -42,7 +42,7 @@ class PenetrationDepths:
 
 
 class DepthHistogram:
-    """How often which depth was seen, in steps of `STEP` mm: small enough to be kept for every episode."""
+    """Counts of depths in steps of `STEP` mm: small enough to be kept for every episode."""
 
     def __init__(self, counts: Mapping[str, Mapping[str, int]] | None = None):
         """counts: what `as_dict` gave."""
@@ -67,12 +67,12 @@ class DepthHistogram:
         self._counts.setdefault(PUSHED, Counter()).update({0: fingers, 1: otherwise})
 
     def as_dict(self) -> dict[str, dict[str, int]]:
-        """For JSON: by pair, how often which number of steps; and how often housing or links pushed (1) or fingers only (0)."""
+        """JSON: counts of steps by pair; counts of moments in which housing or links pushed (1) or fingers only (0)."""
         return {name: {str(k): n for k, n in sorted(row.items())} for name, row in sorted(self._counts.items())}
 
     @staticmethod
     def joined(tallies: Iterable[DepthHistogram]) -> DepthHistogram:
-        """What several counted together."""
+        """The sum of several histograms."""
         whole = DepthHistogram()
         for tally in tallies:
             for name, row in tally._counts.items():
@@ -81,7 +81,7 @@ class DepthHistogram:
 
     @staticmethod
     def summary(tallies: Iterable[DepthHistogram]) -> PenetrationDepths:
-        """What several come to together."""
+        """The summary of several histograms."""
         whole = dict(DepthHistogram.joined(tallies)._counts)
         pushed = whole.pop(PUSHED, Counter())
         hard = sum((row for pair, row in whole.items() if pair not in SOFT_PAIRS), Counter())

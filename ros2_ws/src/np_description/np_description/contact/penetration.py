@@ -1,4 +1,4 @@
-"""How deep shapes are in each other: what tells a simulated success from one that a real robot could have.
+"""Penetration depths, which tell a simulated success from one that a real robot could have.
 
 Judged by the shapes of the scene at recorded configurations, so that it means the same for every engine and for any bag.
 """
@@ -49,7 +49,7 @@ class Penetration:
 
 
 def kind_of(name: str) -> str:
-    """What a geom of the scene is a part of, by its name: object, finger, housing, link, surroundings, or nothing that touches.
+    """The part that a geom belongs to, by its name: object, finger, housing, link, surroundings, or nothing that touches.
 
     A finger works with its tip; its bare shaft is counted with the housing."""
     if name.startswith((OBJECT, SUPPORT)):

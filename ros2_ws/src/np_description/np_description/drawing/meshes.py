@@ -1,4 +1,4 @@
-"""How the arm looks: Franka's visual meshes in place of the shapes that collide, where `make meshes` has installed them.
+"""Franka's visual meshes in place of the collision shapes, where `make meshes` has installed them.
 
 Only for who draws: what is simulated, planned with and trained on has the shapes of `np_description.scene` and nothing else.
 The meshes are those of the package gymnasium-robotics (MIT; its arm is from vikashplus/franka, Apache-2.0), of which nothing
@@ -100,7 +100,7 @@ def read_stl(data: bytes) -> Mesh:
 
 
 def _folder() -> Path | None:
-    """Where the files are; the package itself, which would start a simulator of its own, is not imported."""
+    """Folder of the files; the package itself would start a simulator and is not imported."""
     found = importlib.util.find_spec(_PACKAGE)
     folder = Path(found.origin).parent / _FOLDER if found and found.origin else None
     return folder if folder and folder.is_dir() else None

@@ -51,7 +51,7 @@ class SceneData:
         return {"domain": self.domain.name, "base_frame": BASE_FRAME, "bodies": self.bodies, "shapes": drawn}
 
     def poses(self, joints: np.ndarray, body: Pose | None, goal: Pose | None) -> list[list[float] | None]:
-        """Of each body: x, y, z m and w, x, y, z, for joints (9,); None for an object or goal that nobody knows."""
+        """Pose of each body for joints (9,): x, y, z m and w, x, y, z; None for an unknown object or goal."""
         self._data.qpos[self._joints] = joints
         mujoco.mj_kinematics(self._model, self._data)
         found = []

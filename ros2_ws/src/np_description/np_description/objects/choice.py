@@ -54,7 +54,7 @@ def embed_object_text(domain: str, object_ref: str) -> str:
 
 
 def object_reference(domain: Task) -> str:
-    """What `domain_with` makes this domain's object of, anywhere: "default", the name of a row, or the text of an object."""
+    """The reference from which `domain_with` makes this domain's object: "default", the name of a row, or the text of an object."""
     spec = domain.object
     if spec is None:
         return DEFAULT
@@ -96,7 +96,7 @@ def _move_region(domain: Task, region: Region, spec: ObjectSpec) -> Region:
 
 
 def _horizontal_reach(region: Region, half_size: tuple[float, float, float], axis: int) -> float:
-    """How far, m, an object in the region reaches along x or y from its middle, turned as it may be."""
+    """Largest extent of an object along x or y from its middle, over the yaws of the region, m."""
     if region.quarter_turns:
         return float(np.linalg.norm(sorted(half_size)[1:]))
     if region.yaw[0] == region.yaw[1] == 0.0 and not region.pitch:

@@ -1,4 +1,4 @@
-"""What weights were trained for, as a contract: kept in their file, checked before they are used.
+"""The contract of weights: the setting that they were trained for, kept in their file and checked before use.
 
 A contract is a frozen dataclass of plain values that are read off the definitions in code. Its text in a file says what
 those definitions were when the weights were trained; `check` compares it with what they are now.
@@ -91,7 +91,7 @@ def _plain(value):
 
 
 def _differences(name: str, expected, found) -> list[str]:
-    """What differs, each as "name: expected ..., got ..."; parts of a table by their own names."""
+    """The differences, each as "name: expected ..., got ..."; entries of a table by their own names."""
     if isinstance(expected, dict) and isinstance(found, dict):
         return [
             line

@@ -1,4 +1,4 @@
-"""Where a run comes from: the revision of the code and the hashes of the weights."""
+"""Provenance of a run: revision of the code and hashes of the weights."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from np_description.weights.released import WeightsError, sha256, weights_folder
 
 
 def origin(weights: str = "") -> dict[str, object]:
-    """Where a run comes from: git revision ("" outside a working tree), SHA-256 of every released weight."""
+    """Provenance of a run: git revision ("" outside a working tree), SHA-256 of every released weight."""
     command = [
         "git",
         "-C",

@@ -1,4 +1,4 @@
-"""Where released weights lie, and how they are named. No PyTorch: the detector runs without it."""
+"""Folder and names of released weights. No PyTorch: the detector runs without it."""
 
 from __future__ import annotations
 

@@ -162,7 +162,7 @@ class BoardScene:
         self._renderer.close()
 
     def corner_pixels(self, joints: np.ndarray) -> np.ndarray:
-        """Where the corners (n, 2) truly are in the image."""
+        """True pixels (n, 2) of the corners."""
         at, turned = forward_kinematics(np.asarray(joints, float)) if self.in_hand else (np.zeros(3), np.eye(3))
         points = (self.board.corners @ self.mount.rotation.T + self.mount.position) @ turned.T + at
         return project_distorted((points - self.position) @ self.rotation, self.lens)

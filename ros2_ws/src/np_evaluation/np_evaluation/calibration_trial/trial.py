@@ -30,7 +30,7 @@ POSITION_SPREAD, ROTATION_SPREAD = 0.025, np.radians(2)
 
 @dataclass(frozen=True)
 class TrialArm:
-    """How far an arm is from its joint states; standard deviations."""
+    """Errors of an arm's joint states; standard deviations."""
 
     name: str
     """As in the table of results."""
@@ -51,7 +51,7 @@ ARMS = (
 
 
 def card_poses() -> list[Pose]:
-    """Where the card lies, all over its start region."""
+    """Poses of the card all over its start region."""
     return [
         Pose(np.array([x, y, CARD.half_size[2]]), yaw_quaternion(np.asarray(yaw)))
         for x in np.linspace(*CARD.start.x, 3)
@@ -67,7 +67,7 @@ def true_view(calibration: Calibration, position: np.ndarray, rotation: np.ndarr
 
 
 def card_errors(truth: Camera, believed: Camera) -> dict[str, float]:
-    """By how much the card's corners are elsewhere than projected, px, and where it is taken to be, mm."""
+    """Errors of the card's projected corners, px, and of its estimated position, mm."""
     pixels, places = [], []
     for pose in card_poses():
         points = box_keypoints(np.asarray(CARD.half_size), pose.position, pose.quaternion)

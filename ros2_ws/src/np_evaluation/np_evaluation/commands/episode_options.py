@@ -1,4 +1,4 @@
-"""What `evaluate` and `table3` share: how episodes are asked for, and how a command that plays them ends."""
+"""Options and exit of `evaluate` and `table3`."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
 
 
 def settings_of(options: argparse.Namespace, where: dict[str, object]) -> dict[str, object]:
-    """What episodes must have in common to be counted together; where: of `origin`."""
+    """The settings that episodes must share to be counted together. where: provenance."""
     return {
         "domain": options.domain,
         "engine": options.engine,
@@ -114,7 +114,7 @@ def settings_of(options: argparse.Namespace, where: dict[str, object]) -> dict[s
 
 
 def request_of(options: argparse.Namespace, where: dict[str, object]) -> RunRequest:
-    """What is launched for them."""
+    """The launch arguments of the episodes."""
     return RunRequest(
         {
             "domain": options.domain,

@@ -53,7 +53,7 @@ class SoakRun:
 
     @property
     def episodes(self) -> int:
-        """How many have been run."""
+        """Number of episodes so far."""
         return sum(self.ends.values())
 
     @property
@@ -62,7 +62,7 @@ class SoakRun:
         return time.monotonic() - self.began
 
     def result(self, error: str) -> dict[str, object]:
-        """What can be said by now; error: why it is not all, "" where it is."""
+        """The result so far. error: why the run is incomplete; empty where it is complete."""
         from np_evaluation.endurance.resources import find_growing, trend
 
         try:

@@ -1,1 +1,1 @@
-"""What every backend owes (docs/reference/graph.md), as checks that can be put to a running one."""
+"""The contract of a backend (docs/reference/graph.md) as checks of a running one."""

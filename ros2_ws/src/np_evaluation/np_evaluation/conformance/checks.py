@@ -57,7 +57,7 @@ def check(words: str, asked_of: str = ANY):
 
 
 def speed(state: JointState) -> float:
-    """Of the fastest joint, rad/s."""
+    """Speed of the fastest joint, rad/s."""
     return max(map(abs, state.velocity[:7]))
 
 

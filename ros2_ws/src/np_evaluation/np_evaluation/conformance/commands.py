@@ -1,4 +1,4 @@
-"""What moves a backend: effort commands, 500 times a second, or targets of T_E with their gains, ten times.
+"""The commands that move a backend: effort commands, 500 times a second, or targets of T_E with their gains, ten times.
 
 Either kind knows how to ask for rest and for a turn of the last joint, and every way to be wrong, by the
 reason that a refusal is counted under."""

@@ -71,7 +71,7 @@ class Harness:
         self.wait(lambda: all(map(self.peer.matched, self.commands.sent)) and self.states, "the first state")
 
     def prepare(self) -> None:
-        """As after its start: ready, and nothing heard yet."""
+        """Bring the backend to the state after its start, and forget all messages."""
         self.answer = silent
         self.wait(lambda: self.status, "its diagnostics")
         if self.status.get("state") not in ("idle", "ready"):
@@ -134,7 +134,7 @@ class Harness:
         self.wait_state("ready")
 
     def refused(self, reason: str) -> int:
-        """How many commands were refused for this reason."""
+        """Number of commands refused for a reason."""
         return int(self.status.get(f"refused_{reason}", 0))
 
     def call(self, service: str, request: bool | None = None):

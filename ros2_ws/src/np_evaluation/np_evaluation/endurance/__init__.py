@@ -1,1 +1,1 @@
-"""What a graph has to stand: many episodes, and messages that nobody should send."""
+"""Endurance of a graph: many episodes, and malformed messages."""

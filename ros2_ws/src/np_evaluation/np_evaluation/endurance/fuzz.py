@@ -24,7 +24,7 @@ DRAIN = 1.0  # s in which the last messages arrive
 
 @dataclass
 class FuzzResult:
-    """What came of fuzzing one topic."""
+    """The result of fuzzing one topic."""
 
     topic: str
     """Its name."""

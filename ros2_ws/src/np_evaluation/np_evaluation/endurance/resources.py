@@ -23,7 +23,7 @@ class ResourceUse:
 
 
 def measure_use(pid: int) -> ResourceUse:
-    """What a process uses now. Raises OSError where it has ended."""
+    """The present use of a process. Raises OSError where it has ended."""
     folder = Path("/proc") / str(pid)
     lines = dict(line.split(":", 1) for line in (folder / "status").read_text().splitlines() if ":" in line)
     own = sum(int(lines[kind].split()[0]) for kind in ("RssAnon", "RssShmem"))

@@ -1,1 +1,1 @@
-"""From a diagnosis to recovered success: what the gap costs the task, which effect costs how much, and what training on with it brings back."""
+"""Finetuning after a diagnosis: the cost of the gap and of each effect in success, and the success that training recovers."""

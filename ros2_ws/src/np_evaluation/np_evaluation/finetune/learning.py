@@ -34,7 +34,7 @@ class TrainingInterrupted(OSError):
 
 @dataclass(frozen=True)
 class Learning:
-    """How policies are trained on."""
+    """How policies are finetuned."""
 
     minutes: float
     """Of training, from its first update on."""
@@ -54,7 +54,7 @@ def split_trainable(patch: Patch) -> tuple[Patch, list[str]]:
 
 
 def read_training_result(out: Path) -> dict | None:
-    """What `train_and_distill` has come to in a folder; None where it has not yet."""
+    """The result of `train_and_distill` in a folder; None where it has not finished."""
     done = out / DONE
     return json.loads(done.read_text(encoding="utf-8")) if done.exists() else None
 
@@ -115,7 +115,7 @@ def train_and_distill(
 
 
 def _training(domain: str, how: Learning) -> list[str]:
-    """What trains in the domain's contacts, with all that is randomised for those."""
+    """Arguments of the training for the domain's contacts and their randomisation."""
     hard = find_domain(domain).contact.name == HARD.name
     where = ON_CPU if how.gpu is None else ()
     robust = ("--conditions", "robust") if hard else ()

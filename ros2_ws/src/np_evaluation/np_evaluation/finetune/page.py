@@ -27,7 +27,7 @@ BARS = (
 
 
 def sentence(told: Mapping) -> str:
-    """What came of it, for who reads no table."""
+    """The result in sentences."""
     if not told["effects"]:
         return "The doctor found no gap: there is nothing to train for."
     nominal, predicted = told["success"]["nominal"], told["success"]["patched"]

@@ -143,7 +143,7 @@ class CachedScores:
         write_atomically(self._path(name), json.dumps({"cell": asdict(self._cells[name]), "score": told}) + "\n")
 
     def of(self, name: str, episodes: int) -> list[float]:
-        """In the order of the episodes."""
+        """Scores in the order of the episodes."""
         return [self._found[name][number] for number in range(episodes)]
 
 

@@ -57,7 +57,7 @@ def join_patches(patches: Mapping[str, Patch], some: Subset) -> Patch:
 
 
 def shapley(names: Sequence[str], success: Mapping[Subset, np.ndarray]) -> dict[str, np.ndarray]:
-    """What each part costs of every episode's success (n,). success: by subset, 1 or 0 an episode, the same ones for all subsets."""
+    """Cost of each part in every episode's success (n,). success: by subset, 1 or 0 an episode, the same ones for all subsets."""
     n = len(names)
     costs = {}
     for name in names:

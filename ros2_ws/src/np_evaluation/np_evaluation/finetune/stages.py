@@ -45,7 +45,7 @@ Turn = Callable[[], AbstractContextManager[int | None]]
 
 @dataclass(frozen=True)
 class FinetuneSettings:
-    """What is finetuned, and what it is judged by."""
+    """The robot to finetune for, and the evaluation."""
 
     robot: RolloutCell
     """The nominal robot in the simulator, with the policies to start from."""
@@ -88,7 +88,7 @@ def check_episodes(bags: Sequence[Path], domain: str) -> None:
 
 
 def diagnose_bags(bags: Sequence[Path], out: Path) -> Patch:
-    """What the doctor finds in recordings of the suites: `diagnose` of those of the arm, `diagnose_task` of those with keypoints, and out/patch.yaml of
+    """The patch that the diagnosis finds in recordings of the suites: `diagnose` of those of the arm, `diagnose_task` of those with keypoints, and out/patch.yaml of
     both. Raises OSError where a doctor refuses, with its words, ValueError where `out` has what was found in other recordings."""
     whole, of = out / "patch.yaml", out / "recordings.txt"
     given = "".join(f"{bag.resolve()}\n" for bag in sorted(bags))

@@ -142,7 +142,7 @@ class EpisodeRunner(SupervisedGraphClient):
 
     @property
     def depths(self) -> DepthHistogram:
-        """How deep things were in each other in the last episode, at every true pose of the object."""
+        """Penetration depths of the last episode, at every true pose of the object."""
         return self._tally
 
     @property

@@ -1,1 +1,1 @@
-"""Who looks at a graph and asks it: nodes in a command's own process."""
+"""Nodes in a command's own process that observe a graph and call its services."""

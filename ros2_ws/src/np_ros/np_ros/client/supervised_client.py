@@ -1,4 +1,4 @@
-"""What the nodes in a command's own process share: a context of their own, waiting, calling services.
+"""Shared parts of nodes in a command's own process: a context of their own, waiting, calling services.
 
 They run next to the supervisor that owns the other nodes, and spin only while they wait for something.
 """

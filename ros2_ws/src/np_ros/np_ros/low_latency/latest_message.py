@@ -37,7 +37,7 @@ class LatestMessage:
         )
 
     def take(self) -> bytes | None:
-        """What has come since the last call, None where nothing has."""
+        """The message since the last call; None where none has come."""
         handle = self._subscription.handle
         try:
             with handle:

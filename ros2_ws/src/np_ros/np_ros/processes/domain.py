@@ -81,7 +81,7 @@ class OnlyPublisher:
             time.sleep(_POLL)
 
     def _others(self) -> set[str]:
-        """Who else publishes it, as far as is known by now; one of the node's own name too."""
+        """The other publishers known by now, including one with the node's own name."""
         publishers = [info for info in self._node.get_publishers_info_by_topic(self._topic) if info.node_name]
         if len(publishers) <= 1:
             return set()
@@ -93,6 +93,6 @@ class OnlyPublisher:
 
 
 def count_namesakes(node: Node) -> int:
-    """How many other nodes of this name are known in the domain."""
+    """Number of other nodes of this name known in the domain."""
     own = (node.get_name(), node.get_namespace())
     return node.get_node_names_and_namespaces().count(own) - 1

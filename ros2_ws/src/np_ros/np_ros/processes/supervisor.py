@@ -240,7 +240,7 @@ class Supervisor:
 
 
 def _prepare(parent: int, nice: int, realtime: int) -> None:
-    """In the new process, before the node is executed, so that its middleware's threads inherit it all."""
+    """Set up the new process before it executes the node, so that the middleware's threads inherit it all."""
     end_with_parent()
     if os.getppid() != parent:  # it died before we could ask to be told
         os._exit(128 + signal.SIGTERM)

@@ -181,7 +181,7 @@ class Bridge(Node):
             self._waiting_since = time.monotonic()
 
     def _read(self, read: Callable, part: object):
-        """What `read` makes of a part of a message; None where it refuses it, which is counted."""
+        """The result of `read` on a part of a message; None where it refuses it, which is counted."""
         try:
             return read(part)
         except BadMessage as error:

@@ -1,4 +1,4 @@
-"""What a bridge says: its publishers, the messages, and the latest of them for those who have not heard them."""
+"""The publishers of a bridge, with the latest messages for subscribers that have missed them."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class BridgePublishers:
         self._state = [(self._joint_states, joints), (self._clock, clock), (self._wrench, external)]
 
     def object_pose(self, stamp: int, pose: Pose) -> None:
-        """Where the object truly is in the state that was said last."""
+        """Publish the true object pose in the last state."""
         truth = pose_message(stamp, BASE_FRAME, pose.position, pose.quaternion)
         self._object_pose.publish(truth)
         self._state.append((self._object_pose, truth))
