@@ -13,6 +13,7 @@ EFFECTS ?= none
 GPUS ?=
 BAG ?=
 CASES ?= 200
+SEEDS ?= 20
 SET ?= locked
 JOBS ?= $(shell nproc)
 CLUSTER ?=
@@ -20,7 +21,7 @@ ON = $(if $(CLUSTER),--cluster $(CLUSTER))
 ARGS ?=
 
 # A name that is none of them would be passed over, and the command run with its defaults; so would one that its rule below does not name.
-OPTIONS := DOMAIN EPISODES SEED KEYPOINTS OBJECT CONTACTS ENGINE EFFECTS GPUS BAG CASES SET JOBS CLUSTER ARGS PYTEST_ARGS
+OPTIONS := DOMAIN EPISODES SEED KEYPOINTS OBJECT CONTACTS ENGINE EFFECTS GPUS BAG CASES SEEDS SET JOBS CLUSTER ARGS PYTEST_ARGS
 OF_SETUP := PYTHON TORCH_INDEX SHELL
 GIVEN := $(foreach v,$(.VARIABLES),$(if $(filter command,$(origin $v)),$v))
 STRANGE := $(filter-out $(OPTIONS) $(OF_SETUP),$(GIVEN))
@@ -32,7 +33,7 @@ $(if $(UNUSED),$(error $(UNUSED): `make $(or $(MAKECMDGOALS),help)` has no use f
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
 
-.PHONY: help setup demo test test-benchmark test-slow test-driver driver-report hardware physx meshes lerobot cluster bench soak fuzz blind blind-task evaluate table3 finetune train identify docs format lock clean distclean
+.PHONY: help setup demo test test-benchmark test-slow test-driver driver-report hardware physx meshes lerobot cluster bench soak simtest fuzz blind blind-task evaluate table3 finetune train identify docs format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -72,6 +73,9 @@ bench: setup ## latencies, real-time factor, planning time as JSON
 soak: setup ## DOMAIN EPISODES SEED ARGS="--hours 1": episodes in one graph, in lockstep, or hours in real time: memory, handles and threads stay flat, as JSON
 	@$(ACTIVATE) exec python -m np_evaluation.commands.soak --domain $(DOMAIN) --seed $(SEED) \
 		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
+
+simtest: setup ## SEEDS=20 ARGS="--one SEED": the nodes in one process under simulated faults; what is promised has to hold, as JSON
+	@$(ACTIVATE) export OMP_NUM_THREADS=1 MUJOCO_GL=disable; exec python -m np_evaluation.commands.simtest --seeds $(SEEDS) $(ARGS)
 
 fuzz: setup ## SEED: random and malformed messages on every topic: none of the nodes dies, as JSON
 	@$(ACTIVATE) exec python -m np_evaluation.commands.fuzz --seed $(SEED) $(ARGS)

@@ -1,0 +1,55 @@
+"""The simulated arm of a run: the bridge of the graph over an engine whose every step is watched, and which can be disturbed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from np_description.domains import Pose
+from np_description.mujoco_engine import MujocoEngine
+from np_evaluation.simtest.invariants import Invariants
+from np_sim_bridge.nodes.bridge import Bridge
+
+
+class Disturbance:
+    """What a run does to the arm: `torque` (7,) Nm from outside; `sensor` changes the measured joints (9,) while it is set."""
+
+    def __init__(self) -> None:
+        self.torque = np.zeros(7)
+        self.sensor: Callable[[np.ndarray], None] | None = None
+
+
+class _WatchedEngine(MujocoEngine):
+    """MuJoCo's, disturbed, with every reset and step shown to `watch`."""
+
+    watch: Invariants
+    disturbance: Disturbance
+
+    def reset(self, start: Pose) -> None:
+        super().reset(start)
+        self.watch.on_reset()
+
+    def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        measured = super().joints()
+        if self.disturbance.sensor is not None:
+            self.disturbance.sensor(measured[0])
+        return measured
+
+    def step(self, torque: np.ndarray, extra: np.ndarray, opening: float) -> None:
+        super().step(torque, extra + self.disturbance.torque, opening)
+        self.watch.on_step(torque, *super().joints()[:2])
+
+
+def bridge_class(watch: Invariants, disturbance: Disturbance) -> type[Bridge]:
+    """The class of `sim_bridge` over an engine that is watched and disturbed."""
+    engine = type("Engine", (_WatchedEngine,), {"watch": watch, "disturbance": disturbance})
+
+    class SimBridge(Bridge):
+        """As np_sim_bridge's."""
+
+        def __init__(self):
+            watch.on_start()
+            super().__init__("sim_bridge", engine)
+
+    return SimBridge

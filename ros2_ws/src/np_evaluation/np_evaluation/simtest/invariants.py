@@ -1,0 +1,176 @@
+"""What must hold whatever goes wrong, checked at every step of the arm and every message; each with the page that promises it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+
+from np_control.safety import LIMITS, State
+from np_description.domains import Domain, is_success, pose_error
+from np_description.message_arrays import BadMessage
+from np_description.phases import ACTIVE, APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED, PhaseState
+from np_evaluation.simtest.scheduler import Scheduler
+from np_ros.goals import GOAL, goal_text
+from np_ros.phases import phase_state
+
+PROMISED = {
+    "torque": "graph.md, Refused commands and watchdogs: torque, torque rate",
+    "range": "graph.md, Refused commands and watchdogs: soft walls, speed",
+    "rest": "graph.md, Refused commands and watchdogs: 200 ms without a command, stop, fault",
+    "reflex": "driver.md, force reflex",
+    "motion": "graph.md, Goals: a goal is accepted before anything moves",
+    "recover": "graph.md, Refused commands and watchdogs: only recover resumes",
+    "phases": "graph.md, Phases",
+    "refusals": "graph.md, Refused commands and watchdogs: every refused message is counted",
+    "success": "graph.md, Phases: success",
+    "alive": "graph.md, Refused commands: a node refuses and counts, it does not die",
+    "goes_on": "graph.md, Phases: after recover and reset an episode runs to its end",
+    "recording": "graph.md, Recording",
+    "replay": "graph.md, Recording: replay is equal byte by byte",
+}
+REST = 300_000_000  # ns after the loss of commands, a stop or a fault, within which the arm is at rest
+_NEXT = {
+    IDLE: {PRE, FAULT},
+    PRE: {APPROACH, FAILED, FAULT},
+    APPROACH: {POST, FAILED, FAULT},
+    POST: {SUCCEEDED, FAILED, FAULT, PRE},
+    SUCCEEDED: {PRE, FAULT},
+    FAILED: {PRE, FAULT},
+    FAULT: {IDLE},
+}
+
+
+class Invariants:
+    """Collects violations, one of each kind at most; node(name) gives the node that runs, or None.
+
+    pushed_until, sensor_bad_until, sight_bad_until: ns up to which somebody pushes the arm, its sensors are wrong, keypoints are:
+    until then what depends on them is not promised. recover_asked: how often the backend was asked since it stopped.
+    """
+
+    def __init__(
+        self, domain: Domain, clock: Scheduler, node: Callable[[str], Node | None], log: Callable[[str], None]
+    ):
+        self._domain, self._clock, self._node, self._log = domain, clock, node, log
+        self.steps = 0
+        self.violations: dict[str, str] = {}
+        self.phases: list[PhaseState] = []
+        self.pushed_until = self.recover_asked = self.sight_bad_until = 0
+        self.sensor_bad_until = 0
+        self._torque = np.zeros(7)
+        self._state, self._held_since = None, None
+        self._goal, self.is_acknowledged, self._moves = "", False, False
+
+    def violate(self, kind: str, text: str) -> None:
+        """Note that a promise was broken."""
+        if kind not in self.violations:
+            self.violations[kind] = text
+            self._log(f"VIOLATION {kind}: {text} (promised: {PROMISED[kind]})")
+
+    # The arm
+
+    def on_start(self) -> None:
+        """Another backend has been started."""
+        self._state = None
+        self.on_reset()
+
+    def on_reset(self) -> None:
+        """The arm stands at a new task."""
+        self._torque, self._held_since = np.zeros(7), None
+        self.is_acknowledged = self._moves = False
+
+    def on_step(self, torque: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
+        """One period: torque (7,) Nm that was applied, true joints (9,) rad, m and velocities (9,) after it."""
+        if not np.isfinite(torque).all() or (np.abs(torque) > LIMITS.torque + 1e-9).any():
+            self.violate("torque", f"applied {torque}")
+        if (np.abs(torque - self._torque) > LIMITS.torque_step + 1e-9).any():
+            self.violate("torque", f"torque changed by {np.abs(torque - self._torque).max():.3f} Nm in a period")
+        self._torque, self.steps = torque.copy(), self.steps + 1
+        if (bridge := self._node("sim_bridge")) is None:
+            return
+        is_left_alone = self._clock.now > self.pushed_until
+        q, dq = q[:7], dq[:7]
+        outside = (q < LIMITS.position_lower) | (q > LIMITS.position_upper) | (np.abs(dq) > LIMITS.velocity)
+        if is_left_alone and self._clock.now > self.sensor_bad_until and outside.any():
+            self.violate("range", f"joints at {q.round(3)} rad, {dq.round(2)} rad/s")
+        if bridge._simulation.reflex and bridge._filter.watchdog.may_move and not self.recover_asked:
+            self.violate("reflex", f"{bridge._simulation.reflex}, and the arm is {bridge._filter.state}")
+        speed = float(np.abs(dq).max())
+        self._check_state(bridge, speed, is_left_alone)
+        if speed > LIMITS.rest_speed and is_left_alone and not (self.is_acknowledged and self._moves):
+            self.violate(
+                "motion", f"{speed:.2f} rad/s, goal acknowledged: {self.is_acknowledged}, started: {self._moves}"
+            )
+
+    def _check_state(self, bridge, speed: float, is_left_alone: bool) -> None:
+        """Of the backend: how it is left, and that the arm is at rest in time."""
+        state, stamp = bridge._filter.state, bridge._simulation.stamp
+        held = (State.STOPPED, State.FAULT)
+        if self._state in held and state not in held and not self.recover_asked:
+            self.violate("recover", f"{self._state} became {state} without recover")
+        if state not in held:
+            self.recover_asked = 0
+        self._state = state
+        lost = bridge._filter.watchdog._last if state in (State.MOVING, State.HOLDING) else None
+        if state in held:
+            self._held_since = stamp if self._held_since is None else self._held_since
+            lost = self._held_since
+        else:
+            self._held_since = None
+        if not is_left_alone:
+            self._held_since = stamp if state in held else None
+        elif lost is not None and stamp - lost > REST and speed > LIMITS.rest_speed:
+            self.violate("rest", f"{speed:.2f} rad/s {(stamp - lost) / 1e6:.0f} ms after it was {state}")
+
+    # Messages
+
+    def on_goal(self, data: bytes) -> None:
+        """A message on `goal_pose`."""
+        self._goal = goal_text(deserialize_message(data, PoseStamped))
+
+    def on_diagnostics(self, data: bytes) -> None:
+        """A message on `diagnostics`."""
+        for status in deserialize_message(data, DiagnosticArray).status:
+            if status.name == "/episode":
+                said = {pair.key: pair.value for pair in status.values}
+                self.is_acknowledged |= bool(self._goal) and said.get(GOAL) == self._goal
+
+    def on_phase(self, publisher, data: bytes) -> None:
+        """A message on `episode/phase`."""
+        try:
+            state = phase_state(deserialize_message(data, DiagnosticArray))
+        except BadMessage:
+            return
+        is_first = getattr(publisher, "said", None) is None
+        before = None if is_first else publisher.said
+        publisher.said = state.phase
+        if state.phase not in ({IDLE} if is_first else _NEXT[before]):
+            self.violate("phases", f"{before or 'the start of episode'} was followed by {state.phase}")
+        if state.phase in ACTIVE:
+            self._moves = True
+        self.phases.append(state)
+        self._log(f"phase {state}")
+        if state.phase == SUCCEEDED:
+            self._check_success()
+
+    def on_unrefused(self, subscription) -> None:
+        """A message that is not a number was taken without being counted."""
+        name = subscription.process.spec.name
+        if subscription.topic_name == "/joint_states" and name != "joint_impedance":
+            return  # of the states that policies get they look at the stamp, and at the rest of the few that they use
+        self.violate("refusals", f"{name} took a broken {subscription.topic_name}")
+
+    def _check_success(self) -> None:
+        bridge, core = self._node("sim_bridge"), self._node("episode")._episode
+        if not is_success(self._domain, core.distance, core.angle):
+            self.violate("success", f"declared at {core.distance:.4f} m, {core.angle:.3f} rad by the estimate")
+        if bridge is None or self._clock.now < self.sight_bad_until or not self.is_acknowledged:
+            return
+        goal, now = bridge._simulation.task.goal, bridge._simulation.object_pose()
+        distance, angle = pose_error(now.position, now.quaternion, goal.position, goal.quaternion)
+        if not is_success(self._domain, distance / 1.5, angle / 1.5):
+            self.violate("success", f"declared, but the object is {distance:.4f} m, {angle:.3f} rad from its goal")

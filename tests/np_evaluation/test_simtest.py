@@ -1,0 +1,129 @@
+"""The simulated network, faults and invariants: runs are repeatable, keep what is promised, and find what is broken."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rclpy.node import Node
+from std_msgs.msg import Float64
+
+from np_control.safety import LIMITS
+from np_evaluation.simtest.faults import Fault
+from np_evaluation.simtest.network import Network, Weather
+from np_evaluation.simtest.node import Process
+from np_evaluation.simtest.plan import Plan
+from np_evaluation.simtest.scheduler import SECOND, Disk, Locks, Scheduler, simulated_host
+from np_evaluation.simtest.shrink import play, shrink
+from np_ros import qos
+from np_ros.processes.graph import NodeSpec
+
+
+class Talker(Node):
+    """Sends a number every 10 ms, and hears those of others."""
+
+    profile = qos.LOCKSTEP, qos.LOCKSTEP
+
+    def __init__(self):
+        super().__init__("talker")
+        self.heard = []
+        self._said = self.create_publisher(Float64, "said", self.profile[0])
+        self.create_subscription(Float64, "said", lambda m: self.heard.append(m.data), self.profile[1])
+        self.create_timer(0.01, self._say)
+        self._number = 0.0
+
+    def _say(self):
+        self._number += 1.0
+        self._said.publish(Float64(data=self._number))
+
+
+class BestEffort(Talker):
+    """The same in real time."""
+
+    profile = qos.REALTIME_PUBLISHER, qos.REALTIME_SUBSCRIBER
+
+
+def talk(kind, weather=None, seconds=2.0, act=lambda process, scheduler: None):
+    scheduler = Scheduler(0)
+    network = Network(scheduler)
+    with simulated_host(scheduler, Locks(), Disk()):
+        process = Process(network, NodeSpec("", "talker"), kind, lambda text: None, lambda: ["talker"])
+        if weather:
+            network.weather["/said"] = weather
+        scheduler.run_until(2 * SECOND)
+        act(process, scheduler)
+        scheduler.run_until(2 * SECOND + round(seconds * SECOND))
+    return process.node.heard
+
+
+def test_a_reliable_topic_loses_nothing_and_keeps_its_order():
+    heard = talk(Talker, Weather(loss=0.9))
+    assert len(heard) > 100 and np.diff(heard).tolist() == [1.0] * (len(heard) - 1)
+
+
+def test_a_best_effort_topic_loses_messages_but_keeps_their_order():
+    heard = talk(BestEffort, Weather(loss=0.5))
+    assert 50 < len(heard) < 150 and min(np.diff(heard)) > 0 and max(np.diff(heard)) > 1
+
+
+def test_a_frozen_process_gets_what_the_depth_keeps():
+    def freeze(process, scheduler):
+        process.freeze()
+        scheduler.at(scheduler.now + SECOND, process.thaw)
+
+    assert max(np.diff(talk(Talker, act=freeze))) == 1.0
+    # Frozen, it says nothing itself; one message may have been on its way.
+    assert len(talk(BestEffort, act=freeze)) <= len(talk(BestEffort))
+
+
+def test_a_killed_process_says_nothing_more():
+    heard = talk(Talker, act=lambda process, scheduler: process.kill())
+    assert len(heard) < 110
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_a_run_is_the_same_again(mode):
+    plan = replace(Plan.of(3), mode=mode, horizon=1.3)
+    first, second = play(plan), play(plan)
+    assert first.log == second.log and first.phases == second.phases
+
+
+def test_a_lockstep_recording_replays():
+    plan = replace(Plan.of(0), mode="lockstep", is_recorded=True, horizon=1.3, faults=())
+    report = play(plan)
+    assert not report.violations and "approach" in report.phases
+
+
+def test_the_arm_stops_when_its_controller_is_killed():
+    crash = Fault("crash", 1.4, "joint_impedance", 1.0)
+    report = play(replace(Plan.of(0), mode="realtime", is_recorded=False, horizon=2.5, faults=(crash,)))
+    assert not report.violations
+    assert any(phase.startswith("fault: stopped: silence") for phase in report.phases)
+
+
+def test_a_broken_guard_is_found_and_made_small(monkeypatch):
+    """A backend that never stops in silence: the invariants say so, and the killed controller alone is left of three faults."""
+    from np_control.safety.watchdog import Watchdog
+
+    monkeypatch.setattr(Watchdog, "poll", lambda self, now: self.state)
+    crash = Fault("crash", 1.4, "joint_impedance", 3.0)
+    others = Fault("duplicates", 1.0, "target_pose", 0.5, 0.5), Fault("clock_jump", 1.2, "", 0.0, 3.0)
+    report = play(replace(Plan.of(0), mode="realtime", is_recorded=False, horizon=2.0, faults=(*others, crash)))
+    assert "rest" in report.violations
+    assert [fault.kind for fault in shrink(report).plan.faults] == ["crash"]
+
+
+def test_a_torque_beyond_the_limits_is_found(monkeypatch):
+    from np_control.safety.filter import SafetyFilter
+
+    apply = SafetyFilter.apply
+    monkeypatch.setattr(
+        SafetyFilter,
+        "apply",
+        lambda self, now, q, dq: replace(apply(self, now, q, dq), torque=1.01 * LIMITS.torque),
+    )
+    assert "torque" in play(replace(Plan.of(0), mode="realtime", is_recorded=False, faults=())).violations
+
+
+def test_twenty_seeds_keep_what_is_promised():
+    broken = {seed: report.violations for seed in range(20) if (report := play(Plan.of(seed))).violations}
+    assert not broken
