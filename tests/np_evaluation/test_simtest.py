@@ -8,10 +8,11 @@ from rclpy.node import Node
 from std_msgs.msg import Float64
 
 from np_control.safety import LIMITS
-from np_evaluation.simtest.faults import Fault
-from np_evaluation.simtest.network import Network, Weather
-from np_evaluation.simtest.node import Process
+from np_evaluation.simtest.endpoints import Weather
+from np_evaluation.simtest.faults import InjectedFault
+from np_evaluation.simtest.network import Network
 from np_evaluation.simtest.plan import Plan
+from np_evaluation.simtest.process import Process
 from np_evaluation.simtest.scheduler import SECOND, Disk, Locks, Scheduler, simulated_host
 from np_evaluation.simtest.shrink import play, shrink
 from np_ros import qos
@@ -82,22 +83,33 @@ def test_a_killed_process_says_nothing_more():
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_a_run_is_the_same_again(mode):
-    plan = replace(Plan.of(3), mode=mode, horizon=1.3)
+    plan = replace(Plan.of(3), mode=mode, horizon=1.0, post_timeout=0.3)
     first, second = play(plan), play(plan)
     assert first.log == second.log and first.phases == second.phases
 
 
 def test_a_lockstep_recording_replays():
-    plan = replace(Plan.of(0), mode="lockstep", is_recorded=True, horizon=1.3, faults=())
+    plan = replace(Plan.of(0), mode="lockstep", is_recorded=True, horizon=1.0, post_timeout=0.3, faults=())
     report = play(plan)
     assert not report.violations and "approach" in report.phases
 
 
 def test_the_arm_stops_when_its_controller_is_killed():
-    crash = Fault("crash", 1.4, "joint_impedance", 1.0)
-    report = play(replace(Plan.of(0), mode="realtime", is_recorded=False, horizon=2.5, faults=(crash,)))
+    crash = InjectedFault("crash", 1.4, "joint_impedance", 1.0)
+    report = play(
+        replace(Plan.of(0), mode="realtime", is_recorded=False, horizon=2.5, post_timeout=0.3, faults=(crash,))
+    )
     assert not report.violations
     assert any(phase.startswith("fault: stopped: silence") for phase in report.phases)
+
+
+def test_a_wall_clock_that_is_set_back_ends_no_episode():
+    jump = InjectedFault("clock_jump", 0.8, "", 0.0, -4.0)
+    report = play(
+        replace(Plan.of(0), mode="realtime", is_recorded=False, horizon=1.5, post_timeout=3.5, faults=(jump,))
+    )
+    assert not report.violations
+    assert report.phases[-1].partition(": no ")[0] in ("succeeded", "failed: post: timeout")
 
 
 def test_a_broken_guard_is_found_and_made_small(monkeypatch):
@@ -105,9 +117,11 @@ def test_a_broken_guard_is_found_and_made_small(monkeypatch):
     from np_control.safety.watchdog import Watchdog
 
     monkeypatch.setattr(Watchdog, "poll", lambda self, now: self.state)
-    crash = Fault("crash", 1.4, "joint_impedance", 3.0)
-    others = Fault("duplicates", 1.0, "target_pose", 0.5, 0.5), Fault("clock_jump", 1.2, "", 0.0, 3.0)
-    report = play(replace(Plan.of(0), mode="realtime", is_recorded=False, horizon=2.0, faults=(*others, crash)))
+    crash = InjectedFault("crash", 1.4, "joint_impedance", 3.0)
+    others = InjectedFault("duplicates", 1.0, "target_pose", 0.5, 0.5), InjectedFault("clock_jump", 1.2, "", 0.0, 3.0)
+    report = play(
+        replace(Plan.of(0), mode="realtime", is_recorded=False, horizon=2.0, post_timeout=0.3, faults=(*others, crash))
+    )
     assert "rest" in report.violations
     assert [fault.kind for fault in shrink(report).plan.faults] == ["crash"]
 

@@ -23,11 +23,13 @@ from typing import TypeVar
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.exceptions import NotInitializedException, ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.timer import Timer
 
 from np_ros.low_latency.spin import Spinner
 from np_ros.parameters import HELP, check_known, help_text
@@ -155,6 +157,11 @@ def parameter(
     return value
 
 
+def create_steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
+    """A timer of `period` s that goes on when the wall clock is set: one of rclpy's own clock stands still until that has caught up."""
+    return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
 SUBSCRIBERS = "subscribers"
 """Key of the diagnostics value that says whom a node has found."""
 _FIRST_PAUSE, _LONGEST_PAUSE = (
@@ -184,7 +191,7 @@ class Diagnostics:
         ] = {}  # by reason: when a line may come again, and the pause after it
         self.values: dict[str, object] = {}
         self.counts: dict[str, int] = {}
-        self._timer = node.create_timer(period, self._tick)
+        self._timer = create_steady_timer(node, period, self._tick)
 
     def count(self, key: str, *, problem: bool = True) -> None:
         """Add one to the count `key`; a problem raises the level to WARN until the next period."""

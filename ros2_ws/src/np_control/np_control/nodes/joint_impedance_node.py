@@ -29,7 +29,7 @@ from np_description.phases import FAULT, PhaseState
 from np_ros import qos
 from np_ros.low_latency.spin import request_realtime
 from np_ros.messages import JointStateWriter
-from np_ros.node import Diagnostics, parameter, run
+from np_ros.node import Diagnostics, create_steady_timer, parameter, run
 
 SECOND = 1_000_000_000
 MEASURED_ANSWERS = 5000  # answers over which times are reported: 10 s
@@ -93,7 +93,7 @@ class JointImpedance(Node):
         self._command = self.create_publisher(JointState, "effort_command", qos.publisher(lockstep))
         self.create_subscription(JointState, "joint_states", self._on_state, qos.subscriber(lockstep))
         inputs.subscribe(self, self, LIMITS, lockstep=lockstep)
-        self.create_timer(1.0, self._report)
+        create_steady_timer(self, 1.0, self._report)
         gc.collect()
         gc.freeze()  # what start-up made stays: later collections need not walk it
 

@@ -12,7 +12,7 @@ from np_evaluation.simtest.invariants import Invariants
 from np_sim_bridge.nodes.bridge import Bridge
 
 
-class Disturbance:
+class ArmDisturbance:
     """What a run does to the arm: `torque` (7,) Nm from outside; `sensor` changes the measured joints (9,) while it is set."""
 
     def __init__(self) -> None:
@@ -24,7 +24,7 @@ class _WatchedEngine(MujocoEngine):
     """MuJoCo's, disturbed, with every reset and step shown to `watch`."""
 
     watch: Invariants
-    disturbance: Disturbance
+    disturbance: ArmDisturbance
 
     def reset(self, start: Pose) -> None:
         super().reset(start)
@@ -41,7 +41,7 @@ class _WatchedEngine(MujocoEngine):
         self.watch.on_step(torque, *super().joints()[:2])
 
 
-def bridge_class(watch: Invariants, disturbance: Disturbance) -> type[Bridge]:
+def bridge_class(watch: Invariants, disturbance: ArmDisturbance) -> type[Bridge]:
     """The class of `sim_bridge` over an engine that is watched and disturbed."""
     engine = type("Engine", (_WatchedEngine,), {"watch": watch, "disturbance": disturbance})
 

@@ -19,7 +19,7 @@ BREAKABLE = (*STREAMS[:-1], "joint_trajectory", "gripper_command", "pre_contact_
 
 
 @dataclass(frozen=True)
-class Fault:
+class InjectedFault:
     """One fault: `kind` at `at` s of the run, of a node or topic, for `seconds`; `size` as the kind has it."""
 
     kind: str
@@ -58,14 +58,14 @@ _KINDS = (
 )
 
 
-def draw(rng: np.random.Generator, horizon: float, recorded: bool) -> list[Fault]:
+def draw(rng: np.random.Generator, horizon: float, recorded: bool) -> list[InjectedFault]:
     """One to six faults within `horizon` s, those of a recorder only where there is one."""
     kinds = [row for row in _KINDS if recorded or row[2] != ("recorder",)]
     weights = np.array([row[1] for row in kinds], float)
     faults = []
     for _ in range(int(rng.integers(1, 7))):
         kind, _, targets, seconds, size = kinds[rng.choice(len(kinds), p=weights / weights.sum())]
-        fault = Fault(kind, float(rng.uniform(0.8, horizon)), str(rng.choice(targets)), _draw(rng, *seconds))
+        fault = InjectedFault(kind, float(rng.uniform(0.8, horizon)), str(rng.choice(targets)), _draw(rng, *seconds))
         faults.append(replace(fault, size=_draw(rng, *size), at=0.0 if kind == "late_start" else fault.at))
     return sorted(faults, key=lambda fault: fault.at)
 

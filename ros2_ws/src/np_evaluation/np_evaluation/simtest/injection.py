@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from std_srvs.srv import SetBool
 
-from np_evaluation.simtest.faults import Fault, Freezer, breaker
-from np_evaluation.simtest.network import Weather
+from np_evaluation.simtest.endpoints import Weather
+from np_evaluation.simtest.faults import Freezer, InjectedFault, breaker
+from np_evaluation.simtest.graph import SimulatedGraph
 from np_evaluation.simtest.scheduler import SECOND
-
-if TYPE_CHECKING:
-    from np_evaluation.simtest.run import Run
 
 _AFTERWARDS = SECOND // 2  # ns after a push, a wrong sensor or a wrong sight in which what depends on them settles
 _PUSH = np.array([1.0, 1.0, 0.5, 0.5, 0.2, 0.2, 0.1])  # Nm on each joint, for a size of 1
@@ -22,7 +19,7 @@ _PUSH = np.array([1.0, 1.0, 0.5, 0.5, 0.2, 0.2, 0.1])  # Nm on each joint, for a
 class Injection:
     """The faults of a run."""
 
-    def __init__(self, run: Run):
+    def __init__(self, run: SimulatedGraph):
         self._run = run
         self.ends = max((fault.at + fault.seconds for fault in run.plan.faults), default=0.0)
         """s at which the last one is over."""
@@ -32,7 +29,7 @@ class Injection:
         for fault in self._run.plan.faults:
             self._run.scheduler.after(round(fault.at * SECOND), lambda fault=fault: self._begin(fault))
 
-    def _begin(self, fault: Fault) -> None:
+    def _begin(self, fault: InjectedFault) -> None:
         run = self._run
         run.log(f"FAULT {fault}")
         end = run.scheduler.now + round(fault.seconds * SECOND)
@@ -41,7 +38,7 @@ class Injection:
             case "late_start":
                 run.scheduler.at(end, lambda: run.start(fault.target))
             case "crash" | "crash_recorder" | "stop":
-                self._end_process(fault)
+                run.end(fault.target, killed=fault.kind != "stop")
                 run.scheduler.at(end, lambda: run.start(fault.target))
             case "freeze" if process is not None:
                 process.freeze()
@@ -60,8 +57,10 @@ class Injection:
                 watch.recover_asked += fault.target == "sim_bridge/recover"
                 run.ask(fault.target, lambda response: None)
             case "pause":
-                self._pause(True)
-                run.scheduler.at(end, lambda: self._pause(False))
+                run.ask("sim_bridge/pause", lambda response: None, SetBool.Request(data=True))
+                run.scheduler.at(
+                    end, lambda: run.ask("sim_bridge/pause", lambda response: None, SetBool.Request(data=False))
+                )
             case "disk_full":
                 run.disk.room = int(fault.size)
             case "delay" | "loss" | "duplicates" | "silent_camera" | "frozen_camera" | "nan" | "wrong":
@@ -70,38 +69,19 @@ class Injection:
                 weather = run.network.weather[f"/{fault.target}"] = _weather(fault)
                 run.scheduler.at(end, lambda: self._clear(f"/{fault.target}", weather))
 
-    def _end_process(self, fault: Fault) -> None:
-        process = self._run.processes.get(fault.target)
-        if process is None or not process.is_alive:
-            return
-        self._run.note_refusals(process)
-        if fault.kind == "stop":
-            process.stop()
-            return
-        process.kill()
-        if fault.target == "sim_bridge":  # who alone takes a lock
-            self._run.locks.release_all()
-        if (writer := getattr(process.node, "_writer", None)) is not None:
-            writer._queue.kill()
-
     def _clear(self, topic: str, weather: Weather) -> None:
         if self._run.network.weather.get(topic) is weather:
             del self._run.network.weather[topic]
 
-    def _pause(self, on: bool) -> None:
-        process = self._run.processes.get("sim_bridge")
-        if process is not None and process.is_alive:
-            process.call("sim_bridge/pause", SetBool.Request(data=on), lambda response: None)
 
-
-def _sensor(fault: Fault) -> Callable[[np.ndarray], None]:
+def _sensor(fault: InjectedFault) -> Callable[[np.ndarray], None]:
     def spoil(position: np.ndarray) -> None:
         position[3] = float("nan") if fault.kind == "sensor_nan" else position[3] + fault.size
 
     return spoil
 
 
-def _weather(fault: Fault) -> Weather:
+def _weather(fault: InjectedFault) -> Weather:
     match fault.kind:
         case "delay":
             return Weather(delay=round(fault.size * SECOND))

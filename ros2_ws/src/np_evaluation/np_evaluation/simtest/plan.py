@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_evaluation.simtest.faults import Fault, draw
+from np_evaluation.simtest.faults import InjectedFault, draw
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Plan:
     """s up to which faults begin; the run goes on until the graph has recovered."""
     post_timeout: float
     """s of phase post: short, so that a run sees several ends, or long enough for a success."""
-    faults: tuple[Fault, ...]
+    faults: tuple[InjectedFault, ...]
     """In the order of their time."""
 
     @classmethod

@@ -7,8 +7,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from random import Random
 
-from np_evaluation.simtest.network import Network, Publisher
-from np_evaluation.simtest.node import Process, SimulatedNode, node_class
+from np_evaluation.simtest.endpoints import Publisher
+from np_evaluation.simtest.network import Network
+from np_evaluation.simtest.node import SimulatedNode
+from np_evaluation.simtest.process import Process, node_class
 from np_evaluation.simtest.scheduler import SECOND, Disk, Locks, Scheduler, simulated_host
 from np_record.bag import BagError, Message, Recording
 from np_record.cdr import header_stamp, padding_filter

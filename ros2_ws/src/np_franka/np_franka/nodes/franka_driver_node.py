@@ -32,7 +32,7 @@ from np_franka.state_throttle import StateChangeThrottle
 from np_ros import qos
 from np_ros.low_latency.spin import Spinner, request_realtime
 from np_ros.messages import JointStateWriter, wrench_message
-from np_ros.node import Diagnostics, run
+from np_ros.node import Diagnostics, create_steady_timer, run
 
 PERIOD = LIMITS.period_ns
 APPLIED_EVERY = 5 * PERIOD  # ns between messages on applied_command: 100 Hz
@@ -75,7 +75,7 @@ class FrankaDriver(Node):
         self.create_subscription(Float64, "gripper_command", self._on_gripper, qos.EVENT)
         self.create_service(Trigger, "~/stop", self._service(self._stop))
         self.create_service(Trigger, "~/recover", self._service(self._recover))
-        self.create_timer(STATISTICS_EVERY, self._on_statistics)
+        create_steady_timer(self, STATISTICS_EVERY, self._on_statistics)
         priority = settings.priority
         if priority and not request_realtime(priority):
             self.get_logger().warn(f"SCHED_FIFO priority {priority} is not permitted; running without it")

@@ -23,7 +23,7 @@ from np_perception.camera.rectify import VIEWS, Rectifier, view_camera
 from np_perception.camera.source import CameraError, CameraSource, EndOfImages
 from np_ros import qos
 from np_ros.messages import camera_info_message, image_message
-from np_ros.node import Diagnostics, parameter
+from np_ros.node import Diagnostics, create_steady_timer, parameter
 
 _RETRY = 1.0  # s between attempts to find a camera that has gone
 _READ = 0.1  # s
@@ -92,7 +92,7 @@ class CameraNode(Node):
         self._open()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
-        self.create_timer(0.1, self._report)
+        create_steady_timer(self, 0.1, self._report)
 
     def _open(self) -> None:
         source = self._open_source()

@@ -19,7 +19,7 @@ from np_description.message_arrays import BadMessage, camera_info_arrays, image_
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector
 from np_ros import qos
 from np_ros.messages import keypoints_message
-from np_ros.node import Diagnostics, parameter, run
+from np_ros.node import Diagnostics, create_steady_timer, parameter, run
 
 _SAME = 0.01  # px, within which a camera's parameters are those of training
 _COLLAPSED = 15  # images in a row without enough sure keypoints: half a second at 30 Hz
@@ -74,7 +74,7 @@ class KeypointDetectorNode(Node):
         # First: of what waits, what has come here is taken before the images.
         self.create_subscription(CameraInfo, "camera/camera_info", self._on_info, qos.subscriber(not self._realtime))
         self.create_subscription(Image, "camera/image_raw", self._on_image, qos.subscriber(not self._realtime))
-        self.create_timer(min(self._timeout, 0.5), self._watch)
+        create_steady_timer(self, min(self._timeout, 0.5), self._watch)
 
     def _on_info(self, message: CameraInfo) -> None:
         try:

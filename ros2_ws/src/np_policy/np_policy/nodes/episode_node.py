@@ -26,7 +26,7 @@ from np_policy.nodes.common import StateStream, declare_settings, subscribe_keyp
 from np_ros import qos
 from np_ros.goals import GOAL, REFUSED, goal_text
 from np_ros.messages import keypoints_message
-from np_ros.node import Diagnostics, parameter, run
+from np_ros.node import Diagnostics, create_steady_timer, parameter, run
 from np_ros.phases import PhasePublisher, refusal_reason
 
 _FIELDS = (
@@ -104,7 +104,7 @@ class EpisodeNode(Node):
         # Its answer comes at the episode's end: nobody else's service may wait for it.
         self._ends: list[Future] = []
         self.create_service(Trigger, "~/run", self._run, callback_group=ReentrantCallbackGroup())
-        self.create_timer(0.1, self._on_timer)
+        create_steady_timer(self, 0.1, self._on_timer)
         self._publish([PhaseState(self._episode.phase)])
 
     def _on_goal(self, message: PoseStamped, info: dict) -> None:

@@ -28,7 +28,7 @@ from np_policy.policy import PreContactPolicy
 from np_ros import qos
 from np_ros.client.connection_status import has_all_subscribers
 from np_ros.messages import pose_message
-from np_ros.node import Diagnostics, run
+from np_ros.node import Diagnostics, create_steady_timer, run
 from np_ros.phases import phase_state
 
 OLDEST_KEYPOINTS = 0.5  # s since they came, in real time
@@ -65,7 +65,7 @@ class PreContactNode(Node):
         subscribe_keypoints(self, self.diagnostics, self._settings.lockstep, self._on_keypoints)
         self.create_subscription(DiagnosticArray, "episode/phase", self._on_phase, qos.LATCHED)
         self._goal = GoalStream(self, self.diagnostics, self._act, self._forget)
-        self.create_timer(0.1, self._act)  # for answers that wait for their listeners
+        create_steady_timer(self, 0.1, self._act)  # for answers that wait for their listeners
 
     def _on_phase(self, message: DiagnosticArray) -> None:
         try:
