@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from np_control.safety import LIMITS, State
-from np_description.domains import Domain, is_success, pose_error
+from np_description.domains import Task, is_success, pose_error
 from np_description.message_arrays import BadMessage
 from np_description.phases import ACTIVE, APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED, PhaseState
 from np_evaluation.simtest.scheduler import Scheduler
@@ -52,9 +52,7 @@ class Invariants:
     until then what depends on them is not promised. recover_asked: how often the backend was asked since it stopped.
     """
 
-    def __init__(
-        self, domain: Domain, clock: Scheduler, node: Callable[[str], Node | None], log: Callable[[str], None]
-    ):
+    def __init__(self, domain: Task, clock: Scheduler, node: Callable[[str], Node | None], log: Callable[[str], None]):
         self._domain, self._clock, self._node, self._log = domain, clock, node, log
         self.steps = 0
         self.violations: dict[str, str] = {}
