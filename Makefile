@@ -33,7 +33,7 @@ $(if $(UNUSED),$(error $(UNUSED): `make $(or $(MAKECMDGOALS),help)` has no use f
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
 
-.PHONY: help setup demo test test-benchmark test-slow test-driver driver-report hardware physx meshes lerobot cluster bench soak simtest fuzz blind blind-task evaluate table3 finetune train identify docs format lock clean distclean
+.PHONY: help setup demo test test-benchmark test-slow test-driver driver-report hardware physx meshes foxglove lerobot cluster bench soak simtest fuzz blind blind-task evaluate table3 finetune train identify docs format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -145,6 +145,12 @@ physx: setup .venv/.physx ## add the second engine: make evaluate ENGINE=physx
 	@touch $@
 
 meshes: setup .venv/.meshes ## add how the arm looks: pages, windows and videos draw it in place of the shapes that collide
+
+.venv/.foxglove: requirements-foxglove.txt .venv/.installed
+	@.venv/bin/python -m pip --disable-pip-version-check -qq install -r $<
+	@touch $@
+
+foxglove: setup .venv/.foxglove ## add the stream for the Foxglove app: ros2 run np_bringup view [BAG] --foxglove
 
 lerobot: setup .venv/.lerobot ## add what LeRobot data sets need: ros2 run np_record export_lerobot BAG... --out DIR
 

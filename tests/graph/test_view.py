@@ -245,7 +245,7 @@ def test_layouts_name_displays_and_panels_that_there_are():
 
 
 def test_layouts_name_topics_that_there_are():
-    known = {f"/{name}" for name in BY_NAME} | {"/scene_markers", "/robot_description"}
+    known = {f"/{name}" for name in BY_NAME} | {"/scene_markers", "/robot_description", "/corners"}
     rviz = yaml.safe_load((CONFIG / "episode.rviz").read_text())["Visualization Manager"]
     displays = [d.get("Topic") or d.get("Description Topic") for d in rviz["Displays"]]
     assert {topic["Value"] for topic in displays if topic} <= known and rviz["Global Options"][
