@@ -24,7 +24,8 @@ from np_common.files import write_atomically
 from np_evaluation.calibration_corrections import corrections
 from np_evaluation.finetune.learning import Learning, split_trainable
 from np_evaluation.finetune.rollouts import CachedScores, RolloutCell, run_all_rollouts, succeeds, text_of
-from np_evaluation.finetune.stages import KEPT, FinetuneSettings, run_finetune
+from np_evaluation.finetune.stages import FinetuneSettings, run_finetune
+from np_evaluation.finetune.summary import KEPT
 
 SUITES = 2  # recordings of the task suite, in which the object lies elsewhere
 TASKS = 900  # seed of the tasks by which robots are judged

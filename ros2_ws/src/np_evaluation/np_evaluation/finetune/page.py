@@ -11,7 +11,7 @@ from sim2real.effects.patch import Patch
 from sim2real.effects.sentences import ValueWithInterval, describe_effect
 
 from np_common.html_pages import page, style, svg
-from np_evaluation.finetune.stages import KEPT
+from np_evaluation.finetune.summary import KEPT
 
 BLUE, RED, GREEN, GREY = "#1f5fa8", "#b02020", "#1d7a2a", "#8a8f98"
 BARS = (

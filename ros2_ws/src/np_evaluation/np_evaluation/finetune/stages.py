@@ -1,10 +1,10 @@
-"""The stages of finetuning, each with a file for its result: what is there is not done again.
+"""The stages of finetuning, each with a file for its result: a stage with a result is not repeated.
 
 recordings.txt    the recordings                                         (`diagnose_bags`)
-patch.yaml        what the doctor found                                  (`diagnose_bags`)
+patch.yaml        the effects found                                      (`diagnose_bags`)
 episodes/*.json   scores, episode by episode, by cell
-learned.json      training and distillation; weights/ has both policies  (learning.learn)
-finetune.json     all of it, of what is known so far                     (`run_finetune`)
+learned.json      training and distillation; weights/ has both policies  (`learning.train_and_distill`)
+finetune.json     the summary so far                                     (`run_finetune`)
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ import numpy as np
 from sim2real.effects.patch import Patch, dump_patch, load_patch
 
 from np_common.files import write_atomically
-from np_common.intervals import wilson_interval
 from np_common.parent_process import end_with_parent
 from np_evaluation.calibration_corrections import corrections
 from np_evaluation.finetune.learning import Learning, read_training_result, split_trainable, train_and_distill
@@ -37,6 +36,7 @@ from np_evaluation.finetune.shapley_values import (
     subsets,
     with_intervals,
 )
+from np_evaluation.finetune.summary import summarize
 from np_record.bag import BagError, Recording
 
 Turn = Callable[[], AbstractContextManager[int | None]]
@@ -118,7 +118,7 @@ def _has_keypoints(bag: Path) -> bool:
 
 
 def _diagnose(doctor: str, bags: Sequence[str], out: Path, options: Sequence[str] = ()) -> tuple:
-    """Effects of the patch that a doctor writes into `out`; what is there is not asked again."""
+    """Effects of the patch that a diagnosis writes into `out`, or has written before."""
     if not (out / "patch.yaml").exists():
         command = [sys.executable, "-m", doctor, *bags, "--out", str(out), *options]
         done = subprocess.run(command, stdout=subprocess.PIPE, text=True, preexec_fn=end_with_parent)
@@ -130,25 +130,27 @@ def _diagnose(doctor: str, bags: Sequence[str], out: Path, options: Sequence[str
 def run_finetune(
     what: FinetuneSettings, patch: Patch, how: Learning | None, pool: Executor, turn: Turn | None = None
 ) -> dict:
-    """From a patch to recovered success; what is told, which out/finetune.json keeps, also where it ends early. how: None: nothing is trained;
-    turn: who trains when, None: at once, where `how` says.
+    """Evaluate with a patch, correct detector and driver for it, finetune the policies with the rest, and evaluate again.
 
-    What detector and driver can be told of the patch they are told (`np_evaluation.calibration_corrections`); policies are trained on with the rest.
+    how: None: nothing is trained; turn: waits for a GPU, None: training begins at once on that of `how`. Returns the summary,
+    which out/finetune.json keeps also of a run that ends early.
     """
     begun = time.monotonic()
     corrected = corrections(patch)
-    trained_with, left_out = training_patch(what, patch)
+    trained_with = split_trainable(corrected.remaining)[0]
     told_of = "" if corrected.is_none else text_of(patch)
 
     def say(played: dict, costs: dict, learned: dict | None, after: dict) -> dict:
-        told = _summarize(what, patch, played, after, costs, learned, left_out)
+        reality = None if what.reality is None else what.reality.engine
+        scores = {**played, **after}
+        told = summarize(what.robot.domain, what.episodes, reality, patch, scores, costs, learned)
         told["wall_s"] = round(time.monotonic() - begun, 1)
-        told["played"] = {name: [int(s) for s in succeeds(each)] for name, each in {**played, **after}.items()}
+        told["played"] = {name: [int(s) for s in succeeds(each)] for name, each in scores.items()}
         (what.out / "finetune.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
         what.tell(told)
         return told
 
-    with _start_training(what, patch, how, turn) as learning:
+    with _start_training(what, trained_with, how, turn) as learning:
         cells = {"nominal": what.robot, "patched": what.with_patch(patch)}
         if what.reality is not None:
             cells["reality"] = what.reality
@@ -164,45 +166,31 @@ def run_finetune(
     return told
 
 
-def training_patch(what: FinetuneSettings, patch: Patch) -> tuple[Patch, list[str]]:
-    """The part of a patch that policies are trained on with, and what neither corrections nor training have, in words."""
-    return split_trainable(corrections(patch).remaining)
-
-
-def train_on_patch(
-    what: FinetuneSettings,
-    patch: Patch,
-    how: Learning,
-    turn: Turn | None = None,
-    is_over: Callable[[], bool] = lambda: False,
-) -> dict:
-    """What training comes to (`learning.learn`), when it is its turn; what is there already waits for none. Also before `run_finetune`, which then
-    finds it."""
-    if (known := read_training_result(what.out)) is not None:
-        return known
-    with (turn or (lambda: nullcontext(how.gpu)))() as gpu:
-        return train_and_distill(
-            what.robot.domain,
-            training_patch(what, patch)[0],
-            what.out,
-            replace(how, gpu=gpu),
-            what.robot.weights,
-            lambda: is_over() or what.is_over(),
-        )
-
-
 @contextmanager
 def _start_training(
     what: FinetuneSettings, patch: Patch, how: Learning | None, turn: Turn | None
 ) -> Iterator[Callable[[], dict]]:
-    """Waits for what training comes to, which is begun at once or then. Where this is interrupted training is too; where anything else is raised
-    it is done to its end, and kept."""
+    """A function that waits for the training's result.
+
+    The training begins at once with `what.beside`, else when the function is called. An interruption ends it; after another
+    exception it runs to its end, and its result is kept.
+    """
     interrupted = Event()
 
     def train() -> dict:
-        return train_on_patch(what, patch, how, turn, interrupted.is_set)
+        if (known := read_training_result(what.out)) is not None:
+            return known
+        with (turn or (lambda: nullcontext(how.gpu)))() as gpu:
+            return train_and_distill(
+                what.robot.domain,
+                patch,
+                what.out,
+                replace(how, gpu=gpu),
+                what.robot.weights,
+                lambda: interrupted.is_set() or what.is_over(),
+            )
 
-    if not (what.beside and how is not None and training_patch(what, patch)[0].effects):
+    if not (what.beside and how is not None and patch.effects):
         yield train
         return
     with ThreadPoolExecutor(1) as thread:
@@ -218,8 +206,8 @@ def _start_training(
 def _score_new_policies(
     what: FinetuneSettings, patch: Patch, told_of: str, learned: dict, pool: Executor
 ) -> dict[str, list[float]]:
-    """Scores of the new policies, with the new student or with the old one: whichever the patched simulator has the better scores with, which
-    reality is then asked for."""
+    """Scores of the new policies, with the new student and with the old one in the patched simulator; in reality with the
+    better of the two."""
     places = {"new": learned["weights"], "old": learned["weights_old_student"]}
     patched = replace(what.with_patch(patch), corrected=told_of)
     cells = {f"patched_{student}_student": replace(patched, weights=place) for student, place in places.items()}
@@ -235,8 +223,8 @@ def _score_new_policies(
 
 
 def _effect_costs(what: FinetuneSettings, blamed: dict[str, Patch], played: dict, pool: Executor) -> dict[str, dict]:
-    """What each part of the patch costs in the patched simulator: its share of success, of the score, and the score that comes back where it alone
-    is taken out."""
+    """Cost of each part of the patch in the patched simulator: its Shapley value in success and in score, and the score that
+    returns without it alone."""
     names = list(blamed)
     count = min(what.share_episodes, what.episodes) if len(names) > 1 else what.episodes
     asked = {some: f"subset_{sum(1 << names.index(name) for name in some)}" for some in subsets(names)}
@@ -254,50 +242,3 @@ def _effect_costs(what: FinetuneSettings, blamed: dict[str, Patch], played: dict
     taken = {name: mean_and_interval(scores[every - {name}] - scores[every]) for name in names}
     shares = with_intervals(shapley(names, scores))
     return {name: {**lost[name], "score": score, "taken_out": taken[name]} for name, score in shares.items()}
-
-
-KEPT = {"before": "patched", "corrected": "patched_corrected", "trained": "patched_after"}
-"""What may be best, and by which scores: nothing told or trained, only told, or both."""
-
-
-def _summarize(what, patch, played, after, costs, learned, left_out) -> dict:
-    """The whole result as JSON has it."""
-    scores = {**played, **after}
-    success = {name: _rate(succeeds(each)) for name, each in scores.items()}
-    remaining = corrections(patch).remaining.effects
-    # What is best is what the simulator that knows the gap says: reality is asked once, not to choose.
-    kept = max((k for k, name in KEPT.items() if name in scores), key=lambda k: sum(scores[KEPT[k]]))
-    lost = _paired_difference(played["nominal"], played["patched"])
-    returned = None if kept == "before" else _paired_difference(scores[KEPT[kept]], played["patched"])
-    cause = next((name for name, cost in costs.items() if cost["score"]["value"] > 0 or len(costs) == 1), None)
-    value = {name: rate["value"] for name, rate in success.items()}
-    return {
-        "success_nominal": value["nominal"],
-        "success_predicted": value["patched"],
-        "success_before": value.get("reality"),
-        "success_after": value.get(KEPT[kept].replace("patched", "reality")),
-        "success_after_predicted": value[KEPT[kept]],
-        "cause": cause,
-        "costs": costs,
-        "lost": lost,
-        "returned": returned,
-        "kept": kept,
-        "effects": [f"{e.effect} at {e.component}" for e in patch.effects],
-        "corrected": [f"{e.effect} at {e.component}" for e in patch.effects if e not in remaining],
-        "not_trained": left_out,
-        "success": success,
-        "learned": learned,
-        "domain": what.robot.domain,
-        "episodes": what.episodes,
-        "reality": None if what.reality is None else what.reality.engine,
-        "weights": learned["chosen"] if learned else None,
-    }
-
-
-def _rate(each: Sequence[bool]) -> dict:
-    return {"value": sum(each) / len(each), "ci95": list(wilson_interval(sum(each), len(each))), "of": len(each)}
-
-
-def _paired_difference(more: Sequence[float], less: Sequence[float]) -> dict:
-    """Difference of two successes on the same episodes, of which these are the scores."""
-    return mean_and_interval(np.array(succeeds(more), float) - np.array(succeeds(less), float))
