@@ -1,15 +1,19 @@
 """Effort as what the drives give, and as what a sensor after the gear shows."""
 
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from arm_generator import Truth, at, record
 from sim2real.arm.model import panda
 from sim2real.checks.effort_side import DRIVE, SENSOR, convert_to_drive_side, is_after_gear
+from sim2real.recordings.reading import load_log
 
 from np_description.panda import NOMINAL
 
+REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
 ARM = panda()
 # Friction that one joint has too much or not at all is no question of the sensor.
 ODD = Truth(coulomb_positive=at(2, -0.3) + at(4, 0.8), coulomb_negative=at(2, -0.3) + at(4, 0.8))
@@ -42,6 +46,13 @@ def test_a_sensor_after_the_gear_sees_no_rotor_and_may_see_friction(log, share):
     friction = np.tanh(own / 0.003) * NOMINAL.frictionloss + own * NOMINAL.damping
     seen = after_gear(log)
     assert is_after_gear([replace(seen, torque=seen.torque + share * friction)], ARM)
+
+
+def test_the_public_panda_log_is_of_sensors_after_the_gear():
+    path = REAL / "panda_gaz2019" / "gaz2019_traj1.npz"
+    if not path.exists():
+        pytest.skip(f"{path} is not there; NP_REAL_DATA names the folder with real recordings")
+    assert is_after_gear([load_log(path)], panda(hand=False))
 
 
 def test_a_sensor_after_the_gear_beside_the_drives_commands_gets_their_friction_back(log):
