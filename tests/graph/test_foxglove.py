@@ -5,17 +5,21 @@ import socket
 from base64 import b64encode
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from bags import record_episode
 from rosbags.rosbag2.storage_mcap import McapReader
+from sensor_msgs.msg import JointState
 
 from np_description.domains import CARD
+from np_description.panda import NOMINAL, STATE_NAMES
 from np_record.bag import Recording
 from np_record.cdr import TYPESTORE
+from np_ros.messages import joint_state_message, serialize
 
 foxglove = pytest.importorskip("foxglove", reason="make foxglove")
 
-from np_bringup.view.foxglove_stream import CORNERS, SCENE, FoxgloveStream, play  # noqa: E402
+from np_bringup.view.foxglove_stream import CORNERS, SCENE, FoxgloveStream, listen, play  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -23,25 +27,53 @@ def bag(tmp_path_factory):
     return record_episode(tmp_path_factory.mktemp("bag") / "episode", count=150)
 
 
+def open_file(path, context):
+    """An MCAP file that rosbags reads: without corners, whose schema is no text."""
+    options = foxglove.mcap.MCAPWriteOptions(profile="ros2")
+    keep = {"writer_options": options, "channel_filter": lambda channel: channel.topic != CORNERS}
+    return foxglove.open_mcap(str(path), context=context, **keep)
+
+
+def read_file(path) -> dict[str, list[bytes]]:
+    """Messages by topic, each of which has a definition."""
+    reader = McapReader(path)
+    reader.open()
+    assert all(schema.data for schema in reader.schemas.values())
+    topics = {number: channel.topic for number, channel in reader.channels.items()}
+    found = {topic: [] for topic in topics.values()}
+    for channel, _, data in reader.messages_scan([SimpleNamespace(id=number) for number in topics]):
+        found[topics[channel.id]].append(data)
+    reader.close()
+    return found
+
+
 def test_a_bag_comes_whole_with_the_scene(bag, tmp_path):
     context, file = foxglove.Context(), tmp_path / "out.mcap"
-    ros2 = {
-        "writer_options": foxglove.mcap.MCAPWriteOptions(profile="ros2"),
-        "channel_filter": lambda channel: channel.topic != CORNERS,  # whose schema is no text
-    }
-    with foxglove.open_mcap(str(file), context=context, **ros2), Recording(bag) as recording:
+    with open_file(file, context), Recording(bag) as recording:
         play(recording, FoxgloveStream(CARD, context), paced=False)
         sent = {f"/{message.topic.name}" for message in recording.messages()}
-    reader = McapReader(file)
-    reader.open()
-    topics = {number: channel.topic for number, channel in reader.channels.items()}
-    assert set(topics.values()) == sent | {SCENE}
-    assert all(schema.data for schema in reader.schemas.values())
-    markers = SimpleNamespace(id=next(number for number, topic in topics.items() if topic == SCENE))
-    scenes = [data for _, _, data in reader.messages_scan([markers])]
-    drawn = TYPESTORE.deserialize_cdr(scenes[-1], "visualization_msgs/msg/MarkerArray").markers
-    assert len(scenes) > 3 and len(drawn) > 20
-    reader.close()
+    found = read_file(file)
+    assert found.keys() == sent | {SCENE}
+    drawn = TYPESTORE.deserialize_cdr(found[SCENE][-1], "visualization_msgs/msg/MarkerArray").markers
+    assert len(found[SCENE]) > 3 and len(drawn) > 20
+
+
+def test_a_graph_comes_live(probe, tmp_path):
+    context, file, heard = foxglove.Context(), tmp_path / "out.mcap", []
+    state = joint_state_message(1_000_000, STATE_NAMES, np.append(NOMINAL.ready, [0.0, 0.0]), *np.zeros((2, 9)))
+    probe.collect("joint_states", JointState, callback=heard.append)
+    with open_file(file, context):
+        listen(probe, FoxgloveStream(CARD, context))
+        probe.advertise("joint_states", JointState)
+        probe.wait_until(lambda: probe.matched("joint_states", 2))
+
+        def shown():
+            probe.publish("joint_states", state)
+            return len(heard) > 50
+
+        probe.wait_until(shown, what="joint states")
+    found = read_file(file)
+    assert found["/joint_states"][0] == serialize(state) and found[SCENE]
 
 
 def test_the_server_offers_the_channels_to_whoever_connects(bag):
