@@ -47,7 +47,7 @@ class ApproachNode(Node):
         defaults = ApproachConfig()
         clearance = parameter(self, "clearance", 0.005, "Distance to everything on the way, m.", 0.0, 0.05)
         self._config = ApproachConfig(
-            velocity=parameter(self, "velocity", defaults.velocity, "Share of the velocity limits.", 0.01, 1.0),
+            velocity=parameter(self, "velocity", defaults.velocity, "Share of the velocity limits.", 0.01, 0.75),
             acceleration=parameter(
                 self, "acceleration", defaults.acceleration, "Share of the acceleration limits.", 0.01, 0.7
             ),
