@@ -46,6 +46,9 @@ def shared() -> dict[str, object]:
     state = distributed.furthest(mine, torch.device("cpu"))
     said = {"state": {**state, "weights": state["weights"].tolist()}, "before": complaint(module)}
     distributed.share(module)
+    number, device = float(distributed.rank()), torch.device("cpu")
+    decided = [distributed.any_of(condition, device) for condition in (not first, False)]
+    said |= {"decided": decided, "total": distributed.total({"number": number + 1, "one": torch.tensor(1)}, device)}
     return {**said, "after": complaint(module), "weight": float(module.weight)}
 
 

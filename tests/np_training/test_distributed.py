@@ -63,6 +63,8 @@ def test_all_processes_go_on_from_the_furthest_checkpoint_and_differences_are_se
         assert said["state"] == {"steps": 7, "weights": [1.0, 2.0]}, "the second process had gone further"
         assert "found differences up to 0.5" in said["before"] and said["after"] == ""
         assert said["weight"] == 1.0
+        assert said["decided"] == [True, False], "one process is enough to decide for all"
+        assert said["total"] == {"number": 3.0, "one": 2.0}
 
 
 @pytest.mark.slow

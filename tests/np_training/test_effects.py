@@ -19,7 +19,8 @@ from np_description.domains import CARD, WALL
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
 from np_training import evaluate, train
-from np_training.environment.environment import Environment, EnvironmentConfig
+from np_training.environment.config import EnvironmentConfig
+from np_training.environment.environment import Environment
 from np_training.environment.view import BatchedView, Past
 from np_training.physics.batched import ARM, HOLD_STIFFNESS, OBJECT_POSITION, BatchedPhysics
 from np_training.physics.batched_effects import batched_effects
@@ -270,7 +271,7 @@ class TestViewAndScene:
             steps = []
             for number in range(4):
                 environment.physics.qpos[:, OBJECT_POSITION] = torch.tensor([0.5, 0.02 * number, 0.05])
-                environment.image_age[:] = environment.view.age / 0.1
+                environment.draws.image_age[:] = environment.view.age / 0.1
                 if number == 0:
                     environment._past.begin(environment._corners_now(), torch.arange(2))
                 steps.append(environment._seen_corners(environment.objects).mean((0, 1))[1].item())

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import torch
 
-from np_description.camera import CAMERA
 from np_description.contact.depths import DepthHistogram
 from np_description.domains import BUMP
 from np_training import evaluate as command
-from np_training.environment.environment import Environment, EnvironmentConfig
-from np_training.episodes.drawing import PICTURES, draw_recording, draw_strips
+from np_training.environment.config import EnvironmentConfig
+from np_training.environment.environment import Environment
+from np_training.episodes.drawing import draw_recording
 from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
 from np_training.episodes.evaluation import rate, summarise
 from np_training.episodes.recording import load_recording
@@ -81,7 +81,7 @@ def test_light_objects_are_drawn_evenly_in_the_logarithm_of_their_mass(environme
     networks, drawn = ActorCritic(), []
     for seed in range(10):
         run_episodes(environment, networks, networks.pre, conditions=ROBUST, seed=seed)
-        drawn.append(environment.conditions[:, 2].log())
+        drawn.append(environment.draws.factors[:, 2].log())
     drawn, (low, high) = torch.cat(drawn), np.log(ROBUST.mass)
     assert low <= drawn.min() and drawn.max() <= high
     assert drawn.mean().item() == pytest.approx((low + high) / 2, abs=4 * (high - low) / (12 * len(drawn)) ** 0.5)
@@ -127,9 +127,6 @@ def test_the_command_reads_its_setting_from_the_checkpoint_and_draws(tmp_path, m
     reader = cv2.VideoCapture(str(videos[0]))
     good, frame = reader.read()
     assert good and frame.std() > 5
-    draw_strips(tmp_path / "episodes.npz", tmp_path / "strips.png", 2)
-    strips = cv2.imread(str(tmp_path / "strips.png"))
-    assert strips.shape == (2 * CAMERA.height, PICTURES * CAMERA.width, 3) and strips.std() > 5
 
 
 def test_the_command_takes_a_rigid_object(tmp_path, monkeypatch, capsys):

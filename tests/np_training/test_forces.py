@@ -10,7 +10,8 @@ from np_control.kinematics import jacobian
 from np_description.domains import CARD
 from np_description.force_reflex import filter_step, hand_wrench, threshold_share
 from np_policy import action as actions
-from np_training.environment.environment import LOOSE_FORCE, Environment, EnvironmentConfig, force_scale
+from np_training.environment.config import LOOSE_FORCE, EnvironmentConfig, force_scale
+from np_training.environment.environment import Environment
 from np_training.physics.batched_forces import BARE, FINGER, FORCE, RAW, SHARE
 from np_training.physics.batched_kinematics import forward_kinematics, solve_ik
 from np_training.physics.config import physics_for
@@ -108,7 +109,7 @@ def test_a_hand_in_the_air_feels_nothing_and_a_first_touch_has_its_speed():
 
 def test_the_reflex_ends_an_episode_as_a_failure_and_a_new_one_begins_without_force():
     env = environment()
-    env.force_margin.fill_(0.02)
+    env.draws.force_margin.fill_(0.02)
     for _ in range(12):
         out = env.step(press(1.0))
         if out["pressed"].any():

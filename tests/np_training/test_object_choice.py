@@ -17,7 +17,8 @@ from np_policy.networks import PreContactNetwork
 from np_policy.weights import load
 from np_training import distill, evaluate, release, train
 from np_training.environment import contact
-from np_training.environment.environment import Environment, EnvironmentConfig
+from np_training.environment.config import EnvironmentConfig
+from np_training.environment.environment import Environment
 from np_training.episodes.episodes import run_episodes
 from np_training.ppo.distillation import Student
 from np_training.ppo.networks import ActorCritic

@@ -17,7 +17,9 @@ from np_description.objects.choice import domain_with
 from np_description.panda import NOMINAL
 from np_description.scene import SUPPORT_PROUD
 from np_policy.action import Target
-from np_training.environment.environment import Environment, EnvironmentConfig, corners
+from np_training.environment.config import EnvironmentConfig
+from np_training.environment.environment import Environment
+from np_training.environment.object_poses import corners
 from np_training.physics.batched import ARM, BatchedPhysics
 from np_training.physics.batched_kinematics import forward_kinematics
 from np_training.physics.config import PhysicsConfig, physics_for
@@ -165,7 +167,7 @@ def test_fingertips_reach_further_and_turn_in_the_worlds_where_they_are_bent():
 def test_strange_conditions_reach_the_physics():
     config = EnvironmentConfig(worlds=64, conditions=ROBUST, physics=physics_for("swift", substeps=1, supports=True))
     env = Environment(CARD, "cpu", config)
-    env._draw_conditions(torch.arange(64), env.physics.qpos[:, ARM])
+    env.draws.draw(env.config.conditions, torch.arange(64), env.physics.qpos[:, ARM])
     times = env.physics.varied._solref[:, 0, 0] / env.physics.varied._reference[0, 0]
     assert 0.8 <= times.min() < 1.0 and 2 < times.max() <= 2.5
     impratio = torch.tensor(env.physics.model.opt.impratio_invsqrt.numpy()) ** -2
@@ -185,7 +187,7 @@ def test_a_margin_of_speed_counts_before_the_data_sheet_does():
 def test_robust_conditions_reach_the_physics():
     config = EnvironmentConfig(worlds=64, conditions=ROBUST, physics=physics_for("hard", substeps=1, supports=True))
     env = Environment(CARD, "cpu", config)
-    env._draw_conditions(torch.arange(64), env.physics.qpos[:, ARM])
+    env.draws.draw(env.config.conditions, torch.arange(64), env.physics.qpos[:, ARM])
     share = env.physics.varied._solimp[:, 0, 1] / (1 - env.physics.varied._solimp[:, 0, 1])
     nominal = HARD.hard.impedance[1] / (1 - HARD.hard.impedance[1])
     low, high = ROBUST.stiffness
@@ -262,17 +264,17 @@ def test_limits_of_range_leave_the_start_inside():
         CARD, "cpu", EnvironmentConfig(worlds=16, conditions=ROBUST, physics=PhysicsConfig(supports=True))
     )
     q = torch.tensor(NOMINAL.position_lower).float().repeat(16, 1) + 0.15
-    env._draw_conditions(torch.arange(16), q)
+    env.draws.draw(env.config.conditions, torch.arange(16), q)
     lower, upper = (torch.tensor(list(end)).float() for end in (NOMINAL.position_lower, NOMINAL.position_upper))
-    assert (env.range[0] <= q - 0.099).all() and (env.range[0] >= lower - 1e-6).all()
-    share = (env.range[1] - (lower + upper) / 2) / ((upper - lower) / 2)
+    assert (env.draws.range[0] <= q - 0.099).all() and (env.draws.range[0] >= lower - 1e-6).all()
+    share = (env.draws.range[1] - (lower + upper) / 2) / ((upper - lower) / 2)
     assert torch.allclose(share, env.physics.margin[:, None].expand(16, 7), atol=1e-5)
 
 
 def test_keypoints_are_as_old_as_the_image():
     conditions = replace(NOMINAL_CONDITIONS, image_latency=(0.05, 0.05))
     env = Environment(CARD, "cpu", EnvironmentConfig(worlds=2, conditions=conditions))
-    env._draw_conditions(torch.arange(2), env.physics.qpos[:, ARM])
+    env.draws.draw(env.config.conditions, torch.arange(2), env.physics.qpos[:, ARM])
     env.goals.quaternion[:, 0] = 1.0
     env.physics.qpos[:, 9:12] = torch.tensor([0.5, 0.0, 0.0025])
     env._past.remember(env._corners_now())
@@ -285,7 +287,7 @@ def test_keypoints_are_as_old_as_the_image():
 def test_a_camera_that_is_off_shifts_what_is_seen():
     conditions = replace(NOMINAL_CONDITIONS, camera_position=0.003, camera_rotation=0.003)
     env = Environment(CARD, "cpu", EnvironmentConfig(worlds=512, conditions=conditions))
-    env._draw_conditions(torch.arange(512), env.physics.qpos[:, ARM])
+    env.draws.draw(env.config.conditions, torch.arange(512), env.physics.qpos[:, ARM])
     env.physics.qpos[:, 9:12] = torch.tensor([0.5, 0.0, 0.0025])
     moved = (env._seen_corners(env.objects) - corners(CARD, env.objects)).mean(1)
     distance = np.linalg.norm(np.array([0.5, 0.0, 0.0025]) - CAMERA.position)
@@ -297,7 +299,7 @@ def test_a_camera_that_is_off_shifts_what_is_seen():
 def test_who_lies_on_a_goal_seen_by_the_same_camera_looks_like_it(in_image):
     conditions = replace(NOMINAL_CONDITIONS, camera_position=0.003, camera_rotation=0.003, goal_in_image=in_image)
     env = Environment(CARD, "cpu", EnvironmentConfig(worlds=64, conditions=conditions))
-    env._draw_conditions(torch.arange(64), env.physics.qpos[:, ARM])
+    env.draws.draw(env.config.conditions, torch.arange(64), env.physics.qpos[:, ARM])
     env.goals.position.copy_(torch.tensor([0.5, 0.05, 0.0025]))
     env.goals.quaternion[:, 0] = 1.0
     env.physics.qpos[:, 9:12], env.physics.qpos[:, 12:16] = env.goals.position, env.goals.quaternion

@@ -18,7 +18,9 @@ from np_policy import hand_pose
 from np_policy.networks import PreContactNetwork
 from np_training import train
 from np_training.environment import contact
-from np_training.environment.environment import PRE_STATE_SIZE, Environment, EnvironmentConfig, pre_contact_state
+from np_training.environment.config import EnvironmentConfig
+from np_training.environment.environment import Environment
+from np_training.environment.object_poses import PRE_STATE_SIZE, pre_contact_state
 from np_training.episodes.evaluation import evaluate
 from np_training.physics.batched import BatchedPhysics
 from np_training.physics.config import PhysicsConfig

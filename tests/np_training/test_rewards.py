@@ -52,6 +52,35 @@ def test_what_hides_the_object_from_the_camera_is_paid_for_where_it_has_a_price(
     assert prices == [0.0, -1.5]
 
 
+def test_every_term_of_a_step_by_hand():
+    """A step from 80 to 30 mm, one radian to a half, the hand from 50 to 20 mm, at half stiffness, with a blow of the housing."""
+    reward = RewardConfig(far=500.0, change=2.0, hidden=3.0, scale=0.5)
+    touch = PeriodTouch(torch.tensor([45.0]), torch.tensor([0.16]), YES, NO, strictness=0.8)
+    step = [measures(0.08, 1.0, 0.05), measures(0.03, 0.5, 0.02)]
+    middle = torch.tensor((STIFFNESS_MIN + 0.5 * (STIFFNESS_MAX - STIFFNESS_MIN))[None])
+    terms = reward.terms(*step, YES, NO, middle, touch, torch.full((1, 6), 0.5), torch.tensor([0.25]))
+    expected = {
+        "progress": 10 / 0.05 - 10 / 0.1,
+        "far": 500 * 0.05,
+        "turn": 150 * 0.5 / np.pi,
+        "reach": 10 * 0.3,
+        "success": 1000,
+        "gains": -0.03 * 7 * 0.5,
+        "failure": 0,
+        "bare": -10 * (0.25 + 0.75 * 0.8),
+        "force": -10 * 0.8 * 4 / 5,  # twice the span beyond what is free
+        "touch": -20 * 0.8 * 4 / 5,  # twice the speed
+        "change": -2 * 0.8 * 6 * 0.25,
+        "hidden": -3 * 0.8 * 0.25,
+    }
+    assert {name: term.item() for name, term in terms.items()} == pytest.approx(
+        {k: 0.5 * v for k, v in expected.items()}
+    )
+    lost = reward.terms(*step, NO, YES, middle, GENTLE, STILL, SEEN)
+    assert lost["failure"].item() == -50 and lost["success"].item() == 0
+    assert [lost[name].item() for name in ("bare", "force", "touch")] == [0, 0, 0]
+
+
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=lambda d: d.name)
 def test_finishing_pays_more_than_hovering_at_the_tolerance(domain):
     """For as long as an episode lasts, with the softest gains and the hand as near as a fingertip can be."""

@@ -16,7 +16,9 @@ from np_policy.size_generalization import read_size_range
 from np_policy.weights import load
 from np_training import distill, train
 from np_training.environment import contact
-from np_training.environment.environment import Environment, EnvironmentConfig, corners, pre_contact_state
+from np_training.environment.config import EnvironmentConfig
+from np_training.environment.environment import Environment
+from np_training.environment.object_poses import corners, pre_contact_state
 from np_training.episodes.episodes import run_episodes
 from np_training.physics.batched import BatchedPhysics
 from np_training.physics.config import physics_for

@@ -12,7 +12,7 @@ from np_description.domains import BUMP, CARD, WALL, sample_task
 from np_description.keypoints import box_keypoints
 from np_description.symmetry import canonical_rotation, canonicalize_keypoints, corner_orders, symmetries
 from np_policy.observation import normalised_keypoints
-from np_training.environment.environment import canonical_poses, corners
+from np_training.environment.object_poses import canonical_poses, corners
 from np_training.tasks.poses import Poses
 
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
-import platform
-import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -15,11 +12,11 @@ from unittest.mock import patch
 import torch
 import warp as wp
 
-from np_description.panda import NOMINAL
 from np_training.checkpoints import read_state
 from np_training.environment import environment as environment_module
-from np_training.environment.environment import Environment, EnvironmentConfig
-from np_training.physics.batched import ARM, OBJECT_POSITION, BatchedPhysics
+from np_training.environment.config import EnvironmentConfig
+from np_training.environment.environment import Environment
+from np_training.physics.batched import BatchedPhysics
 from np_training.physics.config import PhysicsConfig
 from np_training.ppo.config import TrainConfig
 from np_training.ppo.curriculum import CurriculumConfig
@@ -28,7 +25,6 @@ from np_training.ppo.trainer import Trainer
 from np_training.tasks.registry import find_task
 
 LEAST_ROUNDS = 2
-SETTLE = 5  # policy periods until an object that was put down rests
 
 
 @dataclass(frozen=True)
@@ -89,52 +85,6 @@ def advance_from(physics: BatchedPhysics, states: list[tuple[torch.Tensor, ...]]
         physics.command.copy_(command)
         physics.advance()
     return len(states)
-
-
-def rest(environment: Environment) -> None:
-    """All arms at the ready posture, holding; all objects resting at fresh starts, where the fingers are
-    not."""
-    physics, everyone = (
-        environment.physics,
-        torch.arange(environment.config.worlds, device=environment.device),
-    )
-    qpos = physics.qpos.clone()
-    qpos[:, ARM] = torch.tensor(NOMINAL.ready, dtype=qpos.dtype, device=qpos.device)
-    starts = environment.starts.tasks.starts
-    rows = everyone % len(starts.position)
-    qpos[:, OBJECT_POSITION] = starts.position[rows]
-    qpos[:, OBJECT_POSITION.stop :] = starts.quaternion[rows]
-    physics.place(everyone, qpos)
-    physics.hold(everyone, qpos[:, ARM])
-    for _ in range(SETTLE):
-        physics.advance()
-
-
-def throughput(trainer: Trainer, seconds: float) -> dict:
-    """Every figure, each measured for about `seconds`, as plain numbers."""
-    physics, rollout_steps = trainer.environment.physics, trainer.config.rollout
-
-    def iterate() -> int:
-        trainer.iterate()
-        return rollout_steps
-
-    def hold() -> int:
-        physics.advance()
-        return 1
-
-    rates = {"trainer": measure(physics, iterate, seconds)}
-    rates["environment"] = measure(physics, lambda: rollout(trainer), seconds)
-    states = record_states(trainer)
-    rates["bare_contact"] = measure(physics, lambda: advance_from(physics, states), seconds)
-    rest(trainer.environment)
-    rates["bare_free"] = measure(physics, hold, seconds)
-    whole = rates["trainer"].steps_per_second
-    return {
-        **{name: vars(rate) for name, rate in rates.items()},
-        **{f"trainer_over_{name}": whole / rates[name].steps_per_second for name in rates if name != "trainer"},
-        "policy_steps_per_second": whole / physics.config.substeps,
-        "parts_ms": parts(trainer),
-    }
 
 
 def parts(trainer: Trainer) -> dict[str, float]:
@@ -200,29 +150,3 @@ def _wait(physics: BatchedPhysics) -> None:
     if physics.device.type == "cuda":
         torch.cuda.synchronize(physics.device)
     wp.synchronize_device(wp.get_device(str(physics.device)))
-
-
-def measure_throughput(arguments: argparse.Namespace) -> dict:
-    """Every figure that the command line asks for, and where it was measured."""
-    torch.backends.cuda.matmul.allow_tf32 = True
-    trainer = make_trainer(
-        arguments.domain,
-        arguments.device,
-        arguments.worlds,
-        arguments.rollout,
-        arguments.seed,
-        arguments.checkpoint,
-    )
-    stage = trainer.curriculum.stage
-    result = throughput(trainer, arguments.seconds)
-    is_cuda = trainer.environment.device.type == "cuda"
-    return {
-        "command": sys.argv[1:],
-        "domain": arguments.domain,
-        "worlds": arguments.worlds,
-        "stage": stage,
-        "device": torch.cuda.get_device_name(trainer.environment.device) if is_cuda else platform.processor() or "CPU",
-        "timestep": trainer.environment.physics.config.timestep,
-        "substeps": trainer.environment.physics.config.substeps,
-        **result,
-    }

@@ -14,7 +14,8 @@ from mujoco_warp._src import solver as library
 
 from np_training.bench.measuring import advance_from, make_trainer, measure, parts, record_states, rollout
 from np_training.bench.solver_rows import device_data, solve_in_c
-from np_training.environment.environment import Environment, EnvironmentConfig
+from np_training.environment.config import EnvironmentConfig
+from np_training.environment.environment import Environment
 from np_training.episodes.episodes import run_episodes
 from np_training.episodes.evaluation import rate, read_checkpoint
 from np_training.physics.batched import OBJECT_POSITION, BatchedPhysics

@@ -38,14 +38,18 @@ SAMPLES = 9  # of a shape along its longest side
 
 @dataclass(frozen=True)
 class Contacts:
-    """Where the hand goes: T_E position (n, 3) m, rotation (n, 3, 3), finger opening width (n,) m, joints q (n, 7) rad,
-    and whether a joint solution free of collision exists, feasible (n,)."""
+    """Where the hand goes."""
 
     position: torch.Tensor
+    """Of T_E, m (n, 3)."""
     rotation: torch.Tensor
+    """Of T_E (n, 3, 3)."""
     width: torch.Tensor
+    """Opening of a finger, m (n,)."""
     q: torch.Tensor
+    """Joints, rad (n, 7)."""
     feasible: torch.Tensor
+    """Whether a joint solution free of collision exists (n,)."""
 
 
 def contact_pose(

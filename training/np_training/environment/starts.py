@@ -6,8 +6,13 @@ from dataclasses import dataclass, field
 
 import torch
 
-from np_training.environment.contact import Contacts
+from np_common.rotations import matrix_from_vector
+from np_description.domains import Task
+from np_description.hand import HandShapes
+from np_training.environment.contact import Contacts, gripper_clearance
+from np_training.physics.batched_kinematics import solve_ik
 from np_training.tasks.practice import Tasks
+from np_training.tasks.randomisation import Conditions
 
 
 @dataclass
@@ -46,3 +51,19 @@ class Starts:
             return self.usable[:0]
         reached = self.usable[min(self.next, len(self.usable)) - 1]
         return (~self.contacts.feasible[:reached]).nonzero()[:, 0]
+
+
+def miss_contacts(
+    domain: Task, hand: HandShapes, c: Conditions, tasks: Tasks, contacts: Contacts, generator: torch.Generator
+) -> torch.Tensor:
+    """Joints (n, 7) rad where approaches to the contacts end: the approach of the real robot, and the student, miss the teacher's pose by
+    a little."""
+    if not (c.start_position or c.start_rotation):
+        return contacts.q
+    n, device = len(contacts.q), generator.device
+    shift = c.start_position * (2 * torch.rand(n, 3, generator=generator, device=device) - 1)
+    shift[:, 2] = shift[:, 2].abs()
+    turn = matrix_from_vector(c.start_rotation * torch.randn(n, 3, generator=generator, device=device))
+    missed = solve_ik(contacts.q, contacts.position + shift, turn @ contacts.rotation)
+    free = gripper_clearance(domain, missed, contacts.width, tasks.starts, tasks.sunk, hand) > 0
+    return torch.where(free[:, None], missed, contacts.q)

@@ -15,7 +15,6 @@ from np_sim_bridge.renderer import Renderer, make_renderer
 from np_training.episodes.recording import PERIOD, RecordedEpisodes, load_recording
 
 LINGER = 10  # frames of the end
-PICTURES = 7  # of an episode in a strip
 _WHITE, _DARK = (255, 255, 255), (30, 30, 30)
 
 
@@ -38,13 +37,18 @@ def frames(renderer: Renderer, domain: Task, recording: RecordedEpisodes, row: i
         yield frame
 
 
-def draw_recording(path: Path, out: Path, count: int, renderer: str = "auto") -> list[Path]:
+def draw_recording(path: Path, out: Path, count: int) -> list[Path]:
     """Draw `count` episodes of a recording, half of them failures where there are as many; one file an
     episode.
 
     Raises ValueError where the recording has no episode that was played.
     """
-    recording, domain, rows, drawing = _open(path, count, renderer)
+    recording = load_recording(path)
+    rows = recording.choose(count)
+    if not len(rows):
+        raise ValueError(f"recording {path}: expected an episode that was played, every contact was out of reach")
+    domain = find_domain(recording.domain)
+    drawing = make_renderer("auto", load_model(domain))
     out.mkdir(parents=True, exist_ok=True)
     files = []
     for row in rows:
@@ -53,35 +57,3 @@ def draw_recording(path: Path, out: Path, count: int, renderer: str = "auto") ->
         files.append(file)
     drawing.close()
     return files
-
-
-def draw_strips(path: Path, file: Path, count: int, renderer: str = "auto") -> None:
-    """Draw the same episodes as strips, one below another, evenly spaced from beginning to end, into one picture.
-
-    Raises ValueError as `draw_recording`.
-    """
-    recording, domain, rows, drawing = _open(path, count, renderer)
-    strips = []
-    for row in rows:
-        pictures = list(frames(drawing, domain, recording, row))[:-LINGER]
-        chosen = np.linspace(0, len(pictures) - 1, PICTURES).round().astype(int)
-        strips.append(
-            np.hstack(
-                [
-                    cv2.resize(pictures[i], None, fx=1 / SCALE, fy=1 / SCALE, interpolation=cv2.INTER_AREA)
-                    for i in chosen
-                ]
-            )
-        )
-    drawing.close()
-    file.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(file), cv2.cvtColor(np.vstack(strips), cv2.COLOR_RGB2BGR))
-
-
-def _open(path: Path, count: int, renderer: str) -> tuple[RecordedEpisodes, Task, np.ndarray, Renderer]:
-    recording = load_recording(path)
-    rows = recording.choose(count)
-    if not len(rows):
-        raise ValueError(f"recording {path}: expected an episode that was played, every contact was out of reach")
-    domain = find_domain(recording.domain)
-    return recording, domain, rows, make_renderer(renderer, load_model(domain))

@@ -15,7 +15,8 @@ from np_description.panda import NOMINAL
 from np_description.scene import SUPPORT_SHARE
 from np_policy.action import RESIDUAL_LIMITS_FINAL
 from np_training.environment import contact
-from np_training.environment.environment import Environment, canonical_poses, pre_contact_state
+from np_training.environment.environment import Environment
+from np_training.environment.object_poses import canonical_poses, pre_contact_state
 from np_training.physics.batched import ARM
 from np_training.physics.batched_forces import FORCE, RAW, SHARE, SPEED
 from np_training.ppo.distillation import Student
@@ -116,7 +117,7 @@ def run_episodes(
     env.physics.varied.stiffen(everyone, one, one)
     env.physics.varied.bend(everyone, torch.zeros(worlds, 2, device=device), torch.zeros(worlds, 2, 3, device=device))
     env.physics.varied.support(everyone, SUPPORT_SHARE * one[:, None].expand(worlds, 3))
-    env.conditions.fill_(1.0)
+    env.draws.factors.fill_(1.0)
     objects, goals = fixed_tasks(env, scenario, seed) if scenario else sample_tasks(env.domain, worlds, env.generator)
     drawn = env.config.conditions
     if drawn.resizes:

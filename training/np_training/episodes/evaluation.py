@@ -24,7 +24,8 @@ from np_policy.size_generalization import read_size_range
 from np_policy.weights import load
 from np_training.checkpoints import read_state
 from np_training.contracts import trained_contract
-from np_training.environment.environment import Environment, EnvironmentConfig
+from np_training.environment.config import EnvironmentConfig
+from np_training.environment.environment import Environment
 from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
 from np_training.episodes.recording import save_recording
 from np_training.physics.config import physics_for

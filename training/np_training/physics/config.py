@@ -15,23 +15,30 @@ LARGEST = 1.2  # times its own size that an object may have
 
 @dataclass(frozen=True)
 class PhysicsConfig:
-    """timestep s; substeps: physics steps a policy period (10 Hz); contacts, constraints: capacity a world;
-    contact: how rough and how hard everything is; supports: whether the object stands on patches, for `support`; resizes: whether it
-    may become larger, up to LARGEST times, for `resize`;
-    fused: whether constraints are solved by np_training.physics.fused_solver where it fits, else by MuJoCo Warp's own solver;
-    effects: what the arm has besides the nominal one (np_training.physics.supported_effects)."""
+    """A scene in many worlds."""
 
     timestep: float = 0.005
+    """Of the physics, s."""
     substeps: int = 20
+    """Physics steps a policy period (10 Hz)."""
     contacts: int = 32
+    """Room for contacts, a world on average: all worlds share one store."""
     constraints: int = 192  # 112 are too few for a card that stands on patches under two flat fingers
+    """Room for constraints of each world."""
     iterations: int = 8
+    """Of the contact solver, at most."""
     ls_iterations: int = 10
+    """Of its line search, at most."""
     effects: Patch = Patch()
+    """What the arm has besides the nominal one (np_training.physics.supported_effects)."""
     contact: ContactModel = SOFT
+    """How rough and how hard everything is."""
     supports: bool = False
+    """Whether the object stands on patches, for `VariedModel.support`."""
     resizes: bool = False
+    """Whether it may become larger, up to LARGEST times, for `VariedModel.resize`."""
     fused: bool = True
+    """Whether np_training.physics.fused_solver solves the constraints where it fits, else MuJoCo Warp's own solver."""
 
     def __post_init__(self) -> None:
         check_supported(self.effects)

@@ -10,19 +10,26 @@ from np_training.tasks.randomisation import PAPER, Conditions
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """discount; trace: lambda of generalised advantage estimation; clip; epochs, minibatches a rollout;
-    entropy: weight of the bonus; target_kl: the learning rate falls by 1.5 above twice it and rises below
-    half of it; rate: bounds of the learning rate."""
+    """The learner's constants."""
 
     discount: float = 0.99
+    """Of the return, a policy step."""
     trace: float = 0.95
+    """Lambda of generalised advantage estimation."""
     clip: float = 0.2
+    """Of the ratio of probabilities."""
     epochs: int = 5
+    """Over a rollout."""
     minibatches: int = 8
+    """An epoch."""
     entropy: float = 0.0005
+    """Weight of the bonus."""
     target_kl: float = 0.01
+    """The learning rate falls by 1.5 above twice this divergence and rises below half of it."""
     rate: tuple[float, float] = (2e-5, 1e-3)
+    """Bounds of the learning rate."""
     gradient_norm: float = 1.0
+    """Largest norm of a gradient."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from np_policy.weights import load, save
 from np_training.checkpoints import read_state
 from np_training.contracts import trained_contract
 from np_training.environment import contact
-from np_training.environment.environment import canonical_poses, corners, pre_contact_state
+from np_training.environment.object_poses import canonical_poses, corners, pre_contact_state
 from np_training.environment.view import BatchedView
 from np_training.physics.config import physics_for
 from np_training.ppo.networks import PreContactActor

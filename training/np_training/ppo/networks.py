@@ -9,7 +9,8 @@ from torch.distributions import Normal
 from np_policy.networks import HIDDEN, PostContactNetwork, mlp
 from np_policy.observation import POST_SIZE
 from np_training.environment import contact
-from np_training.environment.environment import PRE_STATE_SIZE, PRIVILEGED_SIZE
+from np_training.environment.environment import PRIVILEGED_SIZE
+from np_training.environment.object_poses import PRE_STATE_SIZE
 
 LOG_STD = -3.0, 0.5  # between which actions are drawn
 

@@ -12,7 +12,8 @@ from pathlib import Path
 import torch
 
 from np_training.checkpoints import CheckpointError, read_state
-from np_training.environment.environment import Environment, EnvironmentConfig
+from np_training.environment.config import EnvironmentConfig
+from np_training.environment.environment import Environment
 from np_training.physics.config import physics_for
 from np_training.ppo import distributed
 from np_training.ppo.config import PPOConfig, TrainConfig

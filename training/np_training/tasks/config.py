@@ -10,16 +10,17 @@ from np_training.tasks.kinds import OWN, Kind
 
 @dataclass(frozen=True)
 class TaskConfig:
-    """A domain as it is trained.
-
-    limit: policy steps an episode; practice: share of practice at the beginning; explore: share of contacts chosen at random
-    at the beginning; far: weight of the distance's own potential, for 1 m; kinds: of task, the domain's own first, then its
-    practice.
-    """
+    """A task as it is trained."""
 
     domain: Task
+    """Object, surroundings, start, goal and success."""
     limit: int = 100
+    """Policy steps an episode."""
     practice: float = 0.0
+    """Share of practice at the beginning."""
     explore: float = 0.0
+    """Share of contacts chosen at random at the beginning."""
     far: float = 0.0
+    """Weight of the distance's own potential, for 1 m."""
     kinds: tuple[Kind, ...] = (OWN,)
+    """Of task, the own first, then its practice."""

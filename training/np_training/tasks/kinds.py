@@ -22,13 +22,16 @@ Draw = Callable[[Task, int, torch.Generator], tuple[Poses, Poses]]
 
 @dataclass(frozen=True)
 class Kind:
-    """draw(domain, count, generator): starts and goals (count,); lowered: range of the share of its height by which every
-    obstacle, and what rests on it, is sunk; apart: whether tasks closer than the domain's least distance are drawn again."""
+    """A kind of task."""
 
     name: str
+    """In logs."""
     draw: Draw
+    """draw(domain, count, generator): starts and goals (count,)."""
     lowered: tuple[float, float] = (0.0, 0.0)
+    """Range of the share of its height by which every obstacle, and what rests on it, is sunk."""
     apart: bool = True
+    """Whether tasks closer than the domain's least distance are drawn again."""
 
 
 OWN = Kind("own", sample_tasks)

@@ -20,12 +20,16 @@ from np_training.tasks.registry import find_task
 
 @dataclass(frozen=True)
 class Tasks:
-    """starts, goals (n,); kind (n,): index into the task's kinds; sunk (n,) m: how deep the obstacles are."""
+    """Tasks (n,)."""
 
     starts: Poses
+    """Where the objects begin."""
     goals: Poses
+    """Where they are to end."""
     kind: torch.Tensor
+    """Index into the task's kinds (n,)."""
     sunk: torch.Tensor
+    """How deep the obstacles are, m (n,)."""
 
 
 def draw_tasks(

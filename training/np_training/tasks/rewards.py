@@ -1,11 +1,10 @@
-"""The reward that the released policies were trained with, term by term: potentials (`--reward potentials`).
+"""The reward, term by term.
 
-The paper's own reward is np_training.tasks.paper_reward: it pays nearness to the goal every step. Here a potential stands in its
-place, paid as a difference, so that only progress pays and the optimum is to finish. Three more potentials leave that optimum where
-it is: the distance itself, because its inverse is flat far from the goal; the angle to the goal, because the mean distance of the
-corners hardly depends on it while it is large; and the hand's distance from the object. The paper's C1 (.02 m), C2 (1000) and C4
-(-100) are here too, C4 also for an object that is lost. Its C3 (.03) weighs how near the fingers are to the object; here the same
-number is the price of stiffness.
+The paper's own reward pays nearness to the goal every step. Here a potential stands in its place, paid as a difference, so that only
+progress pays and the optimum is to finish (Ng et al., 1999). Three more potentials leave that optimum where it is: the distance
+itself, because its inverse is flat far from the goal; the angle to the goal, because the mean distance of the corners hardly depends
+on it while it is large; and the hand's distance from the object. The paper's C1 (.02 m), C2 (1000) and C4 (-100) are here too. Its C3
+(.03) weighs how near the fingers are to the object; here the same number is the price of stiffness.
 """
 
 from __future__ import annotations
@@ -26,14 +25,16 @@ BARE_FIRST = 0.25  # share of the price of housing and links that is charged fro
 
 @dataclass(frozen=True)
 class Measures:
-    """How far the episodes (n,) are from their goals: distance m, the mean over the object's corners or, where only the
-    position counts, that of its centre; angle rad, 0 where it does not count; hand: distance m from the object's centre of T_E,
-    which is the middle between the fingertips; corners (n, 8): distance m of each of the object's corners."""
+    """How far the episodes (n,) are from their goals."""
 
     distance: torch.Tensor
+    """Mean over the object's corners or, where only the position counts, of its centre, m (n,)."""
     angle: torch.Tensor
+    """Of rotation, rad (n,); 0 where it does not count."""
     hand: torch.Tensor
+    """From the object's centre to T_E, the middle between the fingertips, m (n,)."""
     corners: torch.Tensor
+    """Of each of the object's corners, m (n, 8)."""
 
 
 @dataclass(frozen=True)
@@ -60,28 +61,36 @@ def saturating(share: torch.Tensor) -> torch.Tensor:
 
 @dataclass(frozen=True)
 class RewardConfig:
-    """distance (C1, m), success (C2), gains (a joint, at its largest stiffness), failure (C4: lost object, no collision-free contact);
-    bare: a step in which housing or links touch the object, which are hard, smooth and not made for it; force: a step at a filtered force
-    far beyond FORCE_FREE, half of it FORCE_SPAN beyond; touch: a first touch far faster than TOUCH_SPEED, half of it at that speed; change: of the squared
-    change of the pose residual from one step to the next, in shares of its limits: 24 where all six go from one end to the other, with
-    which a policy works an object loose by a simulator's own friction (docs/decisions/policies.md); hidden: of a step at whose end the
-    arm hides every corner from the camera, less where it hides fewer (`Sight`); weights of the potentials:
-    progress, far (for 1 m), turn (for half a turn), reach (for .1 m); scale: of the sum, for the value network's sake."""
+    """Weights of the terms; what a robot must not do has a negative one."""
 
     distance: float = 0.02
+    """C1 of the paper, m."""
     success: float = 1000.0
+    """C2 of the paper, for finishing."""
     gains: float = 0.03
+    """C3 of the paper, here for each joint at its largest stiffness, a step."""
     failure: float = -100.0
+    """C4 of the paper, for a lost object, a stop, or a contact that cannot be reached."""
     bare: float = -10.0
+    """A step in which housing or links touch the object: they are hard, smooth and not made for it."""
     force: float = -10.0
+    """A step at a filtered force far beyond FORCE_FREE; half of it FORCE_SPAN beyond."""
     touch: float = -20.0
+    """A first touch far faster than TOUCH_SPEED; half of it at that speed."""
     change: float = 0.0
+    """Of the squared change of the pose residual in a step, in shares of its limits: 24 where all six go from one end to the other. So a policy works an object loose by a simulator's own friction."""
     hidden: float = 0.0
+    """A step at whose end the arm hides every corner from the camera; less where it hides fewer (`Sight`)."""
     progress: float = 10.0
+    """Of the potential of the corners' distance."""
     far: float = 0.0
+    """Of the potential of the distance itself, for 1 m."""
     turn: float = 150.0
+    """Of the potential of the angle, for half a turn."""
     reach: float = 10.0
+    """Of the potential of the hand's distance, for 0.1 m."""
     scale: float = 0.02
+    """Of the sum, for the value network's sake."""
 
     def potentials(self, measures: Measures) -> dict[str, torch.Tensor]:
         """The potential (n,) of each measure; higher is nearer."""

@@ -1,11 +1,9 @@
-"""The throughput measurement, tiny, on the CPU."""
-
-import json
+"""Measurements of speed, tiny, on the CPU."""
 
 import pytest
 import torch
 
-from np_training.bench import measuring, throughput
+from np_training.bench import measuring
 
 WORLDS, ROLLOUT = 8, 2
 
@@ -13,20 +11,6 @@ WORLDS, ROLLOUT = 8, 2
 @pytest.fixture(scope="module")
 def trainer():
     return measuring.make_trainer("card", "cpu", WORLDS, ROLLOUT, 0, None)
-
-
-def test_all_figures_of_one_run(trainer, monkeypatch, capsys):
-    monkeypatch.setattr(measuring, "make_trainer", lambda *arguments: trainer)
-    monkeypatch.setattr("sys.argv", ["throughput", "--worlds", str(WORLDS), "--device", "cpu", "--seconds", "0.01"])
-    throughput.main()
-    result = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
-    substeps = trainer.environment.physics.config.substeps
-    rates = {name: result[name]["steps_per_second"] for name in ("trainer", "environment", "bare_contact", "bare_free")}
-    assert min(rates.values()) > 0
-    for name in ("environment", "bare_contact", "bare_free"):
-        assert result[f"trainer_over_{name}"] == pytest.approx(rates["trainer"] / rates[name])
-    assert result["policy_steps_per_second"] == pytest.approx(rates["trainer"] / substeps)
-    assert all(result[name]["rounds"] >= measuring.LEAST_ROUNDS for name in rates)
 
 
 def test_the_parts_of_an_iteration_are_less_than_the_whole_and_leave_the_trainer_as_it_was(trainer):
@@ -56,16 +40,6 @@ def test_bare_physics_goes_through_the_states_of_the_rollout(trainer):
         physics.advance = advance
     for (qpos, command), (wanted, _, commanded) in zip(seen, states):
         assert torch.equal(qpos, wanted) and torch.equal(command, commanded)
-
-
-def test_objects_at_rest_lie_still_and_untouched(trainer):
-    environment = trainer.environment
-    measuring.rest(environment)
-    before = environment.physics.qpos.clone()
-    environment.physics.advance()
-    assert (environment.physics.qpos - before).abs().max() < 1e-3
-    # Four corners of the card on the table, at most a few points more; no finger.
-    assert environment.physics.overflow()["contacts"] <= 8 * WORLDS
 
 
 def test_the_rate_counts_periods_worlds_and_substeps(trainer, monkeypatch):
