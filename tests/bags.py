@@ -4,6 +4,7 @@ import numpy as np
 from rclpy.serialization import serialize_message
 
 from np_common.rotations import yaw_quaternion
+from np_control.impedance import STIFFNESS_MAX
 from np_description.camera import CAMERA
 from np_description.domains import CARD, Pose
 from np_description.keypoints import box_keypoints
@@ -16,6 +17,7 @@ from np_ros.messages import image_message, joint_state_message, keypoints_messag
 from np_ros.phases import phase_message
 
 PERIOD = 2_000_000
+READY = np.append(NOMINAL.ready, [0.02, 0.02])
 GOAL = Pose(np.array([0.55, 0.05, 0.0025]), yaw_quaternion(np.asarray(0.9)))
 PHASES = {step: PhaseState(name) for step, name in ((0, "pre"), (50, "approach"), (550, "post"), (1450, "succeeded"))}
 KEYPOINT_OFFSET = 1.5  # px, in u
@@ -36,6 +38,13 @@ def object_pose(step: int, count: int) -> Pose:
     )
 
 
+def joints(time):
+    """Position, velocity and effort (..., 9) of the joints at times (...) s, and the target (..., 7) that the impedance law has for them."""
+    angle = np.asarray(time)[..., None] + np.arange(9)
+    position, effort = READY + 0.1 * np.sin(angle), 5 * np.sin(angle)
+    return position, 0.1 * np.cos(angle), effort, position[..., :7] + effort[..., :7] / STIFFNESS_MAX
+
+
 def record_episode(path, count=1500, phases=PHASES, information=None, leave_out=()):
     """Write a bag of `count` control periods, without the topics in `leave_out`, to `path` and return it."""
     writer = BagWriter(path, {"seed": 0, "domain": "card", "image_rate": 10, **(information or {})})
@@ -47,15 +56,11 @@ def record_episode(path, count=1500, phases=PHASES, information=None, leave_out=
 
     for step in range(count):
         stamp, time = step * PERIOD, step * PERIOD / 1e9
-        wave = np.sin(time + np.arange(9))
-        add("joint_states", step, joint_state_message(stamp, STATE_NAMES, 0.1 * wave, wave, 5 * wave))
-        add("external_wrench", step, wrench_message(stamp, BASE_FRAME, 30 * wave[:6]))
-        torque = 0.5 * NOMINAL.torque_limit * wave[:7]
-        add(
-            "effort_command",
-            step,
-            joint_state_message(stamp, JOINT_NAMES, 0.1 * wave[:7] + 0.01, wave[:7], torque),
-        )
+        position, speed, effort, target = joints(time)
+        add("joint_states", step, joint_state_message(stamp, STATE_NAMES, position, speed, effort))
+        add("external_wrench", step, wrench_message(stamp, BASE_FRAME, 6 * effort[:6]))
+        answer = joint_state_message(stamp, JOINT_NAMES, target, speed[:7], effort[:7])
+        add("effort_command", step, answer)
         if step in phases:
             add("episode/phase", step, phase_message(phases[step]))
         if step == 0:

@@ -13,7 +13,7 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 import yaml
-from bags import GOAL, object_pose, record_episode
+from bags import GOAL, joints, object_pose, record_episode
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TransformStamped
 from graph_tools import ROOT, TIMEOUT, command
@@ -213,7 +213,7 @@ def test_a_window_shows_the_moments_of_a_bag(tmp_path):
     assert len(drawn) == 25 and last is None  # closed in the second round
     assert drawn[0].body is None and drawn[5].body.position == pytest.approx(object_pose(100, 500).position)
     assert drawn[5].goal.position == pytest.approx(GOAL.position)
-    np.testing.assert_allclose(drawn[5].joints, 0.1 * np.sin(0.25 + np.arange(9)), atol=1e-9)
+    np.testing.assert_allclose(drawn[5].joints, joints(0.25)[0], atol=1e-9)
 
 
 def test_without_a_display_there_is_one_clear_line(tmp_path, monkeypatch, capsys):

@@ -7,7 +7,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from bags import GOAL, brightness, object_pose, record_episode
+from bags import GOAL, brightness, joints, object_pose, record_episode
 
 from np_description.phases import PhaseState
 from np_policy import action
@@ -96,14 +96,15 @@ def test_what_was_recorded_is_read_back(root):
     first, second = read.episodes
     assert first.tasks == read.tasks and "card" in read.tasks[0]
     state = read.columns[layout.STATE]
-    seconds = np.arange(29)[:, None] / RATE
-    assert state[first.rows, :9] == pytest.approx(0.1 * np.sin(seconds + np.arange(9)), abs=1e-6)
-    assert state[first.rows, 18:] == pytest.approx(5 * np.sin(seconds + np.arange(9)), abs=1e-6)
+    position, _, effort, _ = joints(np.arange(29) / RATE)
+    assert state[first.rows, :9] == pytest.approx(position, abs=1e-6)
+    assert state[first.rows, 18:] == pytest.approx(effort, abs=1e-6)
     place = np.array([object_pose(50 * k, 1500).position for k in range(29)])
     assert read.columns[layout.OBJECT][first.rows, :3] == pytest.approx(place, abs=1e-6)
     assert read.columns[layout.GOAL][3, :3] == pytest.approx(GOAL.position, abs=1e-6)
-    last_before_the_next = 0.1 * np.sin(49 * 0.002 + np.arange(7)) + 0.01
-    assert read.columns[layout.ACTION][0] == pytest.approx(last_before_the_next, abs=1e-6)
+    assert read.columns[layout.ACTION][0] == pytest.approx(
+        joints(49 * 0.002)[3], abs=1e-6
+    )  # the last before the next image
     assert read.columns[layout.PHASE][[0, 1, 28], 0].tolist() == [0, 1, 2]
     assert np.flatnonzero(read.columns[layout.DONE]).tolist() == [28, 34]
     assert np.flatnonzero(read.columns[layout.SUCCESS]).tolist() == [28]

@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from np_common.cli import Parser
-from sim2real.cli.results import report_violation
+from sim2real.cli.results import report_fault, report_violation
+
+NO_FAULT = "No convention is contradicted: order, signs, units, frames, clocks and pictures, as far as the recordings show them."
 
 if TYPE_CHECKING:  # what is slow to import comes after the options are read
     from sim2real.arm.model import Arm
@@ -29,7 +31,12 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         help="rosbag2 folder, or .npz file with t_s, q_rad, dq_rad_s, tau_J_Nm (torque with gravity); "
         "nothing may touch the arm in it",
     )
-    parser.add_argument("--out", type=Path, required=True, help="folder for report.json and report.html")
+    parser.add_argument("--out", type=Path, help="folder for report.json and report.html")
+    parser.add_argument(
+        "--wiring",
+        action="store_true",
+        help="only name a wrong convention of the recordings, which may be of anything: joint order, sign, unit, frame, clock, picture",
+    )
     parser.add_argument("--no-hand", action="store_true", help="the flange was bare")
     parser.add_argument(
         "--rigid-body", action="store_true", help="nominal arm without joint friction, damping and rotors"
@@ -70,7 +77,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         type=Path,
         help="verify this patch.yaml of the Panda instead: simulate new recordings with it and without",
     )
-    return parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
+    if not (options.out or options.wiring):
+        parser.error("the following arguments are required: --out")
+    return options
 
 
 def _load_all(paths: Sequence[Path], arm: Arm) -> list[Log]:
@@ -93,6 +103,20 @@ def _apply_constants(options: argparse.Namespace, logs: list[Log]) -> list[Log]:
     from sim2real.recordings.motor_current import apply_torque_constants
 
     return [apply_torque_constants(log, options.torque_per_ampere) for log in logs]
+
+
+def _check_free_motion(path: Path, log: Log) -> None:
+    """Raises ContractViolation for a log of an episode or of the task suite, in which the hand touches things."""
+    from np_description.phases import APPROACH, POST
+    from sim2real.recordings.reading import ContractViolation
+    from sim2real.task.suite.recording import spans_of
+
+    is_episode = any(state.phase in (APPROACH, POST) for _, state in log.phases)
+    if is_episode or spans_of(log):
+        got = "a pushing episode" if is_episode else "the task suite"
+        raise ContractViolation(
+            f"bag {path}: expected free motion of the arm, got {got}, in which the hand touches things: `diagnose_task` reads it"
+        )
 
 
 def verify_patch(options: argparse.Namespace) -> int:
@@ -138,7 +162,7 @@ def _load_nominal_arm(options: argparse.Namespace) -> Arm:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point; the last line printed is one JSON object. Status 2: a log that breaks the contract."""
+    """Entry point; the last line printed is one JSON object. Status 2: a log that breaks the contract or a convention."""
     options = parse(arguments)
     if options.patch:
         return verify_patch(options)
@@ -148,12 +172,22 @@ def main(arguments: list[str] | None = None) -> int:
     from sim2real.progress import StageProgress
     from sim2real.recordings.reading import ContractViolation
     from sim2real.report.document import write_report
+    from sim2real.wiring.check import check_wiring
 
     began = time.monotonic()
     try:
         arm = _load_nominal_arm(options)
         logs, before = (_apply_constants(options, _load_all(paths, arm)) for paths in (options.logs, options.reference))
         effort = "drive" if options.torque_per_ampere else options.effort
+        for path, log in zip((*options.logs, *options.reference), (*logs, *before)):
+            if not options.wiring:
+                _check_free_motion(path, log)
+            if fault := check_wiring(path, arm, log):
+                return report_fault(fault, path, options.out)
+        if options.wiring:
+            print(NO_FAULT)
+            print(json.dumps({"verdict": "no_fault"}))
+            return 0
         total, part = sum(log.duration for log in logs), "parts of " if options.quick else ""
         other = f"{sum(log.duration for log in before):.0f} s of the arm as it was" if before else "the nominal arm"
         print(f"comparing {part}{total:.0f} s with {other}", file=sys.stderr)

@@ -13,7 +13,7 @@ from itertools import accumulate
 from pathlib import Path
 
 from np_common.cli import Parser
-from sim2real.cli.results import report_violation, write_results
+from sim2real.cli.results import report_fault, report_violation, write_results
 
 SHARES = {
     "read": 30,
@@ -65,6 +65,8 @@ def main(arguments: list[str] | None = None) -> int:
     from sim2real.task.diagnosis import diagnose_task, make_patch
     from sim2real.task.object_motion.patch_check import withhold_harmful_effects
     from sim2real.task.object_motion.prediction import predict_motion
+    from sim2real.arm.model import panda as nominal_arm
+    from sim2real.wiring.check import check_wiring
     from sim2real.task.reading import read_held_out, read_recordings
 
     progress = Progress(sum(SHARES.values()), "task")
@@ -80,6 +82,9 @@ def main(arguments: list[str] | None = None) -> int:
         if options.arm:
             arm = read_arm_result(options.arm)
             panda = load_patch(options.arm / "patch.yaml").panda()
+        for bag in options.bags:
+            if fault := check_wiring(bag, nominal_arm()):
+                return report_fault(fault, bag, options.out)
         recordings = read_recordings(options.bags, options.calibration, not options.without_pose, camera)
         held_out = read_held_out(options.held_out, recordings)
         diagnosis = diagnose_task(recordings, camera, panda, arm, on_stage)

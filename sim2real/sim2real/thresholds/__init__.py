@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim2real.thresholds import camera, checks, consequences, inference, keypoints, task
+from sim2real.thresholds import camera, checks, consequences, inference, keypoints, task, wiring
 
 __all__ = ["THRESHOLDS", "Thresholds"]
 
@@ -17,6 +17,7 @@ class Thresholds:
     """All thresholds, in the order in which a recording meets them; those of the chain beside the arm come last."""
 
     recordings: checks.Recordings = checks.Recordings()
+    wiring: wiring.Wiring = wiring.Wiring()
     plausibility: checks.Plausibility = checks.Plausibility()
     effort: checks.Effort = checks.Effort()
     current: checks.Current = checks.Current()
