@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from np_description.panda import PandaModel
-
-ARM = "arm"
+from sim2real.effects.effect import ARM
 
 
 def joint_rows(panda: PandaModel, component: str) -> slice | int:
