@@ -35,7 +35,7 @@ class Thresholds:
     standstill: checks.Standstill = checks.Standstill()
     verdict: checks.Verdict = checks.Verdict()
     floor: checks.Floor = checks.Floor()
-    held_out: checks.HeldOut = checks.HeldOut()
+    held_out: checks.HeldOutMotion = checks.HeldOutMotion()
     shrinkage: checks.Shrinkage = checks.Shrinkage()
     ambiguity: consequences.AmbiguityThresholds = consequences.AmbiguityThresholds()
     power: consequences.Power = consequences.Power()

@@ -129,7 +129,7 @@ class Shrinkage:
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HeldOutMotion:
     """Motion that is laid aside before fit and choice (checks/held_out.py)."""
 
     window: float = 1.5
