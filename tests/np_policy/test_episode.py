@@ -431,7 +431,7 @@ def test_in_real_time_ticks_go_on_while_the_planner_thinks_and_the_motion_begins
 
 
 @given(st.data())
-@settings(max_examples=150)
+@settings(max_examples=60)
 def test_whatever_comes_ticks_increase_and_belong_to_an_episode(data):
     """Any order of inputs: no exception but Refused, ticks only while active and never backwards."""
     episode = make(
