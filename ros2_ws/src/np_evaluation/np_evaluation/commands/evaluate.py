@@ -151,11 +151,10 @@ def warnings_of(options: argparse.Namespace) -> list[str]:
 
 def size_warnings(domain: Task, weights: str) -> list[str]:
     """A line where the object's edges differ from those that the post-contact policy was trained with."""
-    from np_description.weights.header import read_metadata
-    from np_policy.contract import POST_CONTACT, weights_file
+    from np_policy.contract import POST_CONTACT, policy_metadata, weights_file
     from np_policy.size_generalization import find_trained_domain, read_size_range
 
-    metadata = read_metadata(weights_file(POST_CONTACT, domain, weights))
+    metadata = policy_metadata(weights_file(POST_CONTACT, domain, weights))
     sizes = read_size_range(metadata)
     known = find_trained_domain(domain, metadata.get("object", DEFAULT), sizes)
     if known is None:

@@ -56,9 +56,8 @@ def export(file: Path, folder: Path | None = None) -> Path:
     for node in model.graph.node:  # the exporter notes source lines there
         del node.metadata_props[:]
         node.doc_string = ""
-    kept = {key: metadata[key] for key in (KEY, "object", "sizes") if key in metadata}
     added = {BOX: json.dumps(domain.half_size), SIGNATURE: json.dumps(asdict(signature)), SOURCE: sha256(file)}
-    onnx.helper.set_model_props(model, {**kept, **added})
+    onnx.helper.set_model_props(model, {**metadata, **added})
     target = (folder or file.parent) / file.with_suffix(".onnx").name
     target.parent.mkdir(parents=True, exist_ok=True)
     onnx.save(model, target)
