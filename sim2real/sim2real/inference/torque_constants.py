@@ -25,10 +25,13 @@ CURRENT = THRESHOLDS.current
 
 def refine_torque_constants(logs: list[Log], arm: Arm) -> tuple[list[Log], np.ndarray | None]:
     """(logs with torques by constants that go with the effects found, the torque (n, k) Nm of their samples by the model
-    found: `Context.constant`); logs whose torque was measured as they are, and None."""
+    found: `Context.constant`); logs whose torque was measured as they are, and None.
+
+    A constant that the effects change by a factor of more than `CURRENT.refined` is unknown: NaN.
+    """
     if all(log.per_ampere is None for log in logs):
         return logs, None
-    says = None
+    says, first = None, next(log.per_ampere for log in logs if log.per_ampere is not None)
     for _ in range(CURRENT.rounds):
         is_first = says is None
         constant = sample_logs(logs).torque if is_first else says
@@ -38,7 +41,9 @@ def refine_torque_constants(logs: list[Log], arm: Arm) -> tuple[list[Log], np.nd
         logs = [log if log.per_ampere is None else current_to_torque(log, log.per_ampere * factor) for log in logs]
         if not is_first and np.abs(share).max() < CURRENT.settled:
             break
-    return logs, says
+    ratio = next(log.per_ampere for log in logs if log.per_ampere is not None) / first
+    known = np.where((ratio > 1 / CURRENT.refined) & (ratio < CURRENT.refined), 1.0, np.nan)
+    return [log if log.per_ampere is None else current_to_torque(log, log.per_ampere * known) for log in logs], says
 
 
 def _found(search: ModelSearch) -> tuple[np.ndarray, np.ndarray]:

@@ -86,6 +86,8 @@ class Current:
     """Relative error of the weights that determine a constant."""
     spread: float = 0.3
     """Relative error of a first estimate by effects that are not known yet."""
+    refined: float = 3.0
+    """Factor of a change by effects from which a constant is not determined: wrist 1 of a public UR5 log."""
     settled: float = 0.003
     """Relative change at which the iteration ends."""
     rounds: int = 3
