@@ -331,6 +331,17 @@ def test_success_is_a_running_mean_over_the_window():
     assert curriculum.success == pytest.approx(0.1)
 
 
+def test_a_policy_that_knows_its_task_has_tight_limits_from_the_beginning():
+    assert Curriculum(100, CurriculumConfig(residual=False)).limits == stage_limits(STAGES)
+    assert Curriculum(100).limits == stage_limits(0)
+
+
+def test_success_of_practice_is_a_running_mean_over_its_share_of_the_window():
+    curriculum = Curriculum(100, practices=2)
+    curriculum.practise(1, 1.0, 10)
+    assert curriculum.practised == [0.0, pytest.approx(0.2)]
+
+
 def test_practice_and_exploration_end_with_success_and_the_rest_is_the_domains_own():
     config = CurriculumConfig(practice=0.5, explore=0.3, practised_at=0.6, kept=0.1)
     curriculum = Curriculum(100, config, practices=2)

@@ -356,6 +356,24 @@ def test_a_resumed_run_keeps_its_mean_success_and_so_its_practice(environment):
     assert after.curriculum.success == pytest.approx(0.375)
 
 
+def test_both_learners_get_returns_against_their_critics_and_contacts_out_of_reach_count_as_failures(
+    environment, monkeypatch
+):
+    trainer, seen = Trainer(environment, TrainConfig(rollout=3, pre_least=1)), {}
+    for name in ("post", "pre"):
+        monkeypatch.setattr(
+            getattr(trainer, name), "update", lambda samples, name=name: seen.update({name: samples}) or {}
+        )
+    trainer.iterate()
+    for name, critic in (("post", trainer.networks.post_value), ("pre", trainer.networks.pre_value)):
+        with torch.no_grad():
+            value = critic(seen[name].critic_state)[:, 0]
+        torch.testing.assert_close(seen[name].returns - seen[name].advantage, value, atol=1e-4, rtol=1e-4)
+    rejected = environment.starts.rejected()
+    assert len(rejected) and (seen["pre"].returns[-len(rejected) :] == 0.02 * -100).all()
+    assert torch.equal(seen["pre"].state[-len(rejected) :], environment.starts.state[rejected])
+
+
 def test_a_run_goes_on_from_a_released_checkpoint_at_its_learning_rate(environment):
     before = Trainer(environment, TrainConfig(rollout=1))
     before.post.rate = 7e-5
