@@ -71,7 +71,7 @@ def launch_description(known: Sequence[LaunchArgument], graph: Callable[[Mapping
                 package=spec.package,
                 executable=spec.executable,
                 name=spec.name,
-                namespace=spec.namespace,
+                namespace=spec.namespace or None,
                 output="screen",
                 parameters=[dict(spec.parameters), *filter(None, [spec.params_file])],
                 remappings=list(spec.remappings),
