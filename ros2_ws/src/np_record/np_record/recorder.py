@@ -26,7 +26,8 @@ class Sequencer:
 
     emit(stamp ns, topic, data) is called in the order of (stamp, TOPICS, arrival). With `begin_at` what is
     older than the first message of that topic is left out, and nothing is emitted before it comes.
-    `repeated` counts messages that came twice, `lost` the gaps in the publishers' own numbering.
+    `repeated` counts messages that came twice, `lost` the gaps in the publishers' own numbering, and what is left out because a
+    backend was restarted, whose time begins anew before that of the bag.
     """
 
     def __init__(self, emit: Callable[[int, Topic, bytes], None], begin_at: Topic | None = None):
@@ -41,6 +42,7 @@ class Sequencer:
         self._last: dict[Topic, tuple[int, bytes]] = {}
         self._numbers: dict[Topic, int] = {}
         self._arrivals = 0
+        self._is_restarted = False
         self.repeated = 0
         self.lost = 0
 
@@ -57,6 +59,7 @@ class Sequencer:
         stamp = header_stamp(data)
         self._place(stamp, topic, data)
         if topic is TIMELINE:
+            self._is_restarted |= bool(self._stamps) and stamp < self._stamps[-1]
             self._published.append(published)
             self._stamps.append(stamp)
             self._stamp_what_waits()
@@ -96,3 +99,5 @@ class Sequencer:
         stamp, _, _, topic, data = heapq.heappop(self._heap)
         if stamp >= self._begin:
             self._emit(stamp, topic, data)
+        else:
+            self.lost += self._is_restarted

@@ -48,12 +48,12 @@ class SentMessages:
             kept = {(message.topic.name, message.data) for message in recording.messages()}
             begin = recording.start
         is_begun = False
-        for name, data in self._messages:
+        for number, (name, sent) in enumerate(self._messages):
             is_begun |= name == "goal_pose"
-            topic, data = BY_NAME[name], _FILTERS[name](data)
+            topic, data = BY_NAME[name], _FILTERS[name](sent)
             is_due = header_stamp(data) >= begin if topic.stamped else is_begun and topic.name != "diagnostics"
             if is_begun and is_due and (name, data) not in kept:
-                return f"{name}, number {self._messages.index((name, data))} of {len(self._messages)} that were sent"
+                return f"{name}, number {number} of {len(self._messages)} that were sent"
         return ""
 
 

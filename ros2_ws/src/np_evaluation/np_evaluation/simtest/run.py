@@ -97,7 +97,7 @@ class Run(SimulatedGraph):
                     break
             self._sent.is_open = False
             if self.plan.is_recorded and (answer := (yield "recorder/stop")) and answer.success:
-                self._check_bag(json.loads(answer.message)["bag"])
+                self._check_bag(**json.loads(answer.message))
             yield 0.1
 
     def _go_on(self, operator: Generator, answer: object = None) -> None:
@@ -107,10 +107,11 @@ class Run(SimulatedGraph):
         else:
             self.ask(asked, lambda response: self._go_on(operator, response))
 
-    def _check_bag(self, bag: str) -> None:
+    def _check_bag(self, bag: str, lost: int, **_) -> None:
         self._bags.append(bag)
-        # What a delay holds back until the bag is closed is late, and a bag that the disk was too small for ends early.
-        if not self._kinds & {"delay", "disk_full", "crash_recorder"} and (missing := self._sent.missing(bag)):
+        # What is lost is counted; what a delay holds back is late, and a bag that the disk was too small for ends early.
+        is_whole = not lost and not self._kinds & {"delay", "disk_full", "crash_recorder"}
+        if is_whole and (missing := self._sent.missing(bag)):
             self.invariants.violate("recording", f"{bag} lacks {missing}")
 
     def _check_bags(self) -> None:
