@@ -25,7 +25,7 @@ from np_common.parallel import workers
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, PhaseState
 from np_record.bag import Recording
-from np_record.recorded_phases import phase_of
+from np_record.recorded_phases import read_phase
 
 ONLY = ["sinusoid_2", "sinusoid_4", "triangle_fast"]  # the doctor asks for ten blocks of motion
 COUNT = 3
@@ -59,7 +59,7 @@ def test_bags_are_those_of_a_session_and_show_no_cause(bags):
             seen.add(tuple(sorted(recording.counts.items())))
             states = [m.decode() for m in recording.messages("joint_states")]
             commands = [m.decode() for m in recording.messages("effort_command")]
-            phases = [phase_of("bag", m) for m in recording.messages("episode/phase")]
+            phases = [read_phase("bag", m) for m in recording.messages("episode/phase")]
             order = [m.stamp for m in recording.messages()]
             plan = next(recording.messages("joint_trajectory")).decode()
         assert list(states[0].name) == list(STATE_NAMES) and list(commands[0].name) == list(JOINT_NAMES)

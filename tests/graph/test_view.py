@@ -34,7 +34,7 @@ from np_description.drawing.robot import urdf
 from np_description.drawing.scene_data import SceneData
 from np_description.panda import NOMINAL, STATE_NAMES
 from np_record.bag import Recording
-from np_record.nodes.recorder_node import message_class
+from np_record.nodes.recorder_node import find_message_class
 from np_record.topics import BY_NAME
 from np_ros import qos
 from np_ros.goals import goal_text
@@ -314,7 +314,7 @@ def test_layouts_fit_a_running_graph(graph, probe):
 
 def value_at(message_type: str, fields: list[str]) -> object:
     """What a path such as ["status[0]", "message"] leads to in a message of a type with one entry in each of its lists."""
-    kind = message_class(message_type)
+    kind = find_message_class(message_type)
     for field in fields:
         name, indexed, _ = field.partition("[")
         declared = kind.get_fields_and_field_types()[name]
@@ -322,7 +322,7 @@ def value_at(message_type: str, fields: list[str]) -> object:
         inner = declared.removeprefix("sequence<").removesuffix(">")
         if "/" not in inner:
             return {"string": "", "double": 0.0}[inner]
-        kind = message_class(inner.replace("/", "/msg/"))
+        kind = find_message_class(inner.replace("/", "/msg/"))
     raise AssertionError(f"{fields} is no number and no text")
 
 

@@ -13,7 +13,7 @@ from np_description.phases import PhaseState
 from np_policy import action
 from np_record.bag import BagError, Recording
 from np_record.lerobot import layout
-from np_record.lerobot.frames import NAMES, RATE, episode_frames
+from np_record.lerobot.frames import NAMES, RATE, read_episode_frames
 
 pa = pytest.importorskip("pyarrow", reason="make lerobot")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -117,7 +117,7 @@ def test_every_number_of_every_frame_is_read_back(bags, root):
     read = read_data_set(root)
     for bag, episode in zip(bags, read.episodes):
         with Recording(bag) as recording:
-            frames = episode_frames(recording)
+            frames = read_episode_frames(recording)
         assert set(read.columns) == {*frames.columns, *BOOKKEEPING} and episode.tasks == (frames.task,)
         for name, values in frames.columns.items():
             was = values.astype(read.information["features"][name]["dtype"])

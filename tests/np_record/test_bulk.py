@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 
 from np_description.panda import STATE_NAMES
 from np_record.bag import BagError, TopicMessages
-from np_record.bulk import joint_states, serialize_joint_states
+from np_record.bulk import read_joint_states, serialize_joint_states
 from np_record.topics import TIMELINE
 
 
@@ -32,7 +32,7 @@ def rows(*messages):
 
 
 def read(*messages, names=STATE_NAMES):
-    return joint_states("bag b", rows(*messages), names)
+    return read_joint_states("bag b", rows(*messages), names)
 
 
 @pytest.mark.parametrize("frame", ["", "w", "panda_link0"])
@@ -56,13 +56,15 @@ def test_what_is_not_asked_for_refuses_nothing():
     )
     assert stamps.tolist() == [7 * i for i in (0, 1, 2, *range(4, 41))]
     np.testing.assert_array_equal(values[4], np.arange(27.0).reshape(3, 9)[:, :7] + 4)
-    _, again = joint_states("bag b", TopicMessages(TIMELINE, np.zeros(2, int), [message(1), message(1)]), STATE_NAMES)
+    _, again = read_joint_states(
+        "bag b", TopicMessages(TIMELINE, np.zeros(2, int), [message(1), message(1)]), STATE_NAMES
+    )
     assert len(again) == 1
 
 
 def test_none_are_no_rows():
     for nothing in (None, rows()):
-        stamps, values = joint_states("bag b", nothing, STATE_NAMES)
+        stamps, values = read_joint_states("bag b", nothing, STATE_NAMES)
         assert stamps.shape == (0,) and values.shape == (0, 3, 9)
 
 

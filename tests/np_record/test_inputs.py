@@ -17,7 +17,7 @@ from np_perception.calibration.board import Board
 from np_perception.calibration.evidence import read_calibration_data
 from np_perception.calibration.fitting import calibrate
 from np_record.bag import BagError, Recording
-from np_record.lerobot.frames import episode_frames
+from np_record.lerobot.frames import read_episode_frames
 from np_record.recorded_episode import load_episode
 
 INPUTS = Path(os.environ.get("NP_FOREIGN_INPUTS", Path(__file__).resolve().parents[3] / "shared" / "inputs"))
@@ -59,7 +59,7 @@ def test_a_gripper_leaves_the_arm_readable(unpack, name):
     assert log.position.shape == (ROWS, 7) and np.isfinite(log.torque).all()
 
 
-@pytest.mark.parametrize("reader", [load_episode, episode_frames])
+@pytest.mark.parametrize("reader", [load_episode, read_episode_frames])
 def test_an_episode_logged_by_another_clock_is_refused(unpack, reader):
     bag = unpack("21_episode_arrival_times") / "bag"
     with pytest.raises(BagError, match="episode/phase: expected messages with a stamp"), Recording(bag) as recording:

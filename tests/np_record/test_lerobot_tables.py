@@ -8,7 +8,7 @@ import pytest
 
 from np_record.lerobot.checking import check_tables
 from np_record.lerobot.layout import DataSetError
-from np_record.lerobot.pictures import pictures_at
+from np_record.lerobot.pictures import read_pictures
 from np_record.lerobot.reading import Clip, DataSetEpisode
 from np_record.report.video import encode
 
@@ -94,9 +94,9 @@ def test_tables_that_contradict_each_other_are_refused(spoil, text):
 def test_pictures_are_those_of_their_time(tmp_path):
     path = tmp_path / "video.mp4"
     encode(path, (np.full((64, 64, 3), 4 * n, np.uint8) for n in range(60)), 30, "vp09")  # thrice the rate of the rows
-    found = [picture.mean() for picture in pictures_at(path, np.array([0.5, 0.6, 1.9]), 0.5 / 30)]
+    found = [picture.mean() for picture in read_pictures(path, np.array([0.5, 0.6, 1.9]), 0.5 / 30)]
     np.testing.assert_allclose(found, [4 * 15, 4 * 18, 4 * 57], atol=3)
     with pytest.raises(DataSetError, match="expected a picture of 2.100 s, its last is of 1.967 s"):
-        list(pictures_at(path, np.array([1.9, 2.1]), 0.05))
+        list(read_pictures(path, np.array([1.9, 2.1]), 0.05))
     with pytest.raises(DataSetError, match="no such file"):
-        list(pictures_at(tmp_path / "none.mp4", np.zeros(1), 0.05))
+        list(read_pictures(tmp_path / "none.mp4", np.zeros(1), 0.05))

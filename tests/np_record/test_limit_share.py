@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from np_description.limit_share import LIMIT_NAMES, limit_shares, summary
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_record.bag import BagError
-from np_record.bulk import joint_state_rows, serialize_joint_states
+from np_record.bulk import read_joint_rows, serialize_joint_states
 
 share = st.floats(0, 1.2)
 
@@ -42,7 +42,7 @@ def states(count, names=STATE_NAMES):
 
 def test_rows_of_serialized_states_are_read_by_name():
     messages, values = states(4)
-    rows = joint_state_rows(messages, JOINT_NAMES[::-1])
+    rows = read_joint_rows(messages, JOINT_NAMES[::-1])
     np.testing.assert_array_equal(rows, values[:, :, :7][:, :, ::-1].transpose(1, 0, 2))
 
 
@@ -52,11 +52,11 @@ def test_states_that_cannot_be_read_are_left_out():
     broken[0, 0, 2] = np.nan
     bad = list(serialize_joint_states(np.zeros(1, np.int64), STATE_NAMES, *broken))
     other, _ = states(1, ("wrist",))
-    rows = joint_state_rows([messages[0], bad[0], other[0], messages[2]], JOINT_NAMES)
+    rows = read_joint_rows([messages[0], bad[0], other[0], messages[2]], JOINT_NAMES)
     np.testing.assert_array_equal(rows, values[:, [0, 2], :7].transpose(1, 0, 2))
-    assert joint_state_rows([], JOINT_NAMES).shape == (0, 3, 7)
+    assert read_joint_rows([], JOINT_NAMES).shape == (0, 3, 7)
 
 
 def test_a_name_that_is_missing_is_named():
     with pytest.raises(BagError, match="panda_joint7 is not in"):
-        joint_state_rows(states(1, STATE_NAMES[:6])[0], JOINT_NAMES)
+        read_joint_rows(states(1, STATE_NAMES[:6])[0], JOINT_NAMES)

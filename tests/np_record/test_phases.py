@@ -10,7 +10,7 @@ from std_msgs.msg import String
 from np_description.message_arrays import BadMessage, stamp_nanoseconds
 from np_description.phases import PHASES, PhaseState, first_end
 from np_record.bag import BagError, Message
-from np_record.recorded_phases import phase_changes, phase_of
+from np_record.recorded_phases import read_phase, read_phase_changes
 from np_record.topics import BY_NAME
 from np_ros.phases import phase_message, phase_state, refusal_message, refusal_reason
 
@@ -42,8 +42,8 @@ def recorded(topic, message, stamp=5):
 def test_what_is_said_is_heard_live_and_from_a_bag(state, stamp):
     message = sent(phase_message(state, stamp))
     assert phase_state(message) == state and stamp_nanoseconds(message.header.stamp) == stamp
-    assert phase_of("bag", recorded("episode/phase", message)) == state
-    assert phase_of("bag", recorded("episode/tick", message)) == state
+    assert read_phase("bag", recorded("episode/phase", message)) == state
+    assert read_phase("bag", recorded("episode/tick", message)) == state
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ def test_the_first_end_counts(state):
     ],
 )
 def test_bags_of_before_are_read(text, state):
-    assert phase_changes("bag", {"phase": [recorded("phase", String(data=text))]}) == [(5, state)]
+    assert read_phase_changes("bag", {"phase": [recorded("phase", String(data=text))]}) == [(5, state)]
 
 
 def test_a_bag_with_both_is_read_by_the_newer_topic_and_one_with_neither_says_nothing():
@@ -115,8 +115,8 @@ def test_a_bag_with_both_is_read_by_the_newer_topic_and_one_with_neither_says_no
         "phase": [recorded("phase", String(data="pre"))],
         "episode/phase": [recorded("episode/phase", phase_message(PhaseState("post")))],
     }
-    assert phase_changes("bag", both) == [(5, PhaseState("post"))]
-    assert phase_changes("bag", {"phase": []}) == []
+    assert read_phase_changes("bag", both) == [(5, PhaseState("post"))]
+    assert read_phase_changes("bag", {"phase": []}) == []
 
 
 @pytest.mark.parametrize(
@@ -129,4 +129,4 @@ def test_a_bag_with_both_is_read_by_the_newer_topic_and_one_with_neither_says_no
 )
 def test_a_recorded_message_that_says_no_phase_is_named(message):
     with pytest.raises(BagError, match=f"bag x: {message.topic.name} at 5 ns: expected a phase, got"):
-        phase_changes("bag x", {message.topic.name: [message]})
+        read_phase_changes("bag x", {message.topic.name: [message]})

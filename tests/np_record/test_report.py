@@ -21,8 +21,8 @@ from np_record.bag import BagError, Recording
 from np_record.bag_writer import INCOMPLETE
 from np_record.cdr import TYPESTORE
 from np_record.commands import report as command
-from np_record.outcome import score
-from np_record.recorded_episode import images, load_episode
+from np_record.outcome import score_outcome
+from np_record.recorded_episode import load_episode, read_images
 from np_record.report.episodes import make_section, write_report
 from np_record.report.third_person import ThirdPerson
 from np_record.report.video import write_video
@@ -70,7 +70,7 @@ def pose(x, yaw=0.0):
     ],
 )
 def test_the_truth_decides(domain, x, yaw, success):
-    outcome = score(domain, [PhaseState("succeeded")], pose(x, yaw), pose(0.0), 3.0)
+    outcome = score_outcome(domain, [PhaseState("succeeded")], pose(x, yaw), pose(0.0), 3.0)
     assert outcome.success is success
     assert outcome.failed_in == ("" if success else "post")
     assert (outcome.distance, outcome.angle) == pytest.approx((x, yaw), abs=1e-9)
@@ -87,21 +87,21 @@ def test_the_truth_decides(domain, x, yaw, success):
 )
 def test_failures_are_named_by_their_phase(declared, reason, failed_in):
     said = [] if declared == "unfinished" else [PhaseState(declared, reason)]
-    assert score(CARD, said, pose(0.1), pose(0.0), 3.0, early=reason).failed_in == failed_in
+    assert score_outcome(CARD, said, pose(0.1), pose(0.0), 3.0, early=reason).failed_in == failed_in
 
 
 def test_contacts_are_counted_up_to_the_end_of_the_episode():
     again = PhaseState("pre", "contact 2: timeout", since="5")
     said = [PhaseState("pre"), PhaseState("approach"), PhaseState("post"), again, PhaseState("succeeded")]
-    outcome = score(CARD, [*said, PhaseState("pre")], pose(0.0), pose(0.0), 3.0)  # the next episode's
+    outcome = score_outcome(CARD, [*said, PhaseState("pre")], pose(0.0), pose(0.0), 3.0)  # the next episode's
     assert (outcome.contacts, outcome.declared, outcome.success) == (2, "succeeded", True)
-    assert score(CARD, [PhaseState("failed", "x")], pose(0.1), pose(0.0), 3.0).contacts == 1
+    assert score_outcome(CARD, [PhaseState("failed", "x")], pose(0.1), pose(0.0), 3.0).contacts == 1
 
 
 def test_an_episode_is_read_as_recorded(tmp_path):
     with Recording(record_episode(tmp_path / "bag")) as recording:
         episode = load_episode(recording)
-        assert len(list(images(recording))) == 30
+        assert len(list(read_images(recording))) == 30
     assert [state.phase for _, state in episode.phases] == ["pre", "approach", "post", "succeeded"]
     assert episode.phases[1][0] == 50 * PERIOD / 1e9
     assert episode.keypoint_error.values == pytest.approx(np.full((30, 8), KEYPOINT_OFFSET), abs=1e-4)
@@ -163,7 +163,7 @@ def test_a_bag_without_the_truth_is_named(tmp_path):
 def test_the_video_plays_back_what_was_drawn(tmp_path):
     with Recording(record_episode(tmp_path / "bag")) as recording:
         episode = load_episode(recording)
-        assert write_video(tmp_path / "v.webm", episode, images(recording), 10.0) == 30
+        assert write_video(tmp_path / "v.webm", episode, read_images(recording), 10.0) == 30
         assert write_video(tmp_path / "none.webm", episode, [], 10.0) == 0
     assert not (tmp_path / "none.webm").exists()
     capture = cv2.VideoCapture(str(tmp_path / "v.webm"))

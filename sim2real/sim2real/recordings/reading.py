@@ -14,8 +14,8 @@ import numpy as np
 from np_control.impedance import damping
 from np_description.panda import JOINT_NAMES
 from np_record.bag import BagError, Recording, TopicMessages
-from np_record.bulk import joint_positions, joint_states, names_any
-from np_record.recorded_phases import PHASE_TOPICS, phase_changes
+from np_record.bulk import has_joint, read_joint_positions, read_joint_states
+from np_record.recorded_phases import PHASE_TOPICS, read_phase_changes
 from sim2real.recordings.fresh_rows import find_fresh_rows
 from sim2real.recordings.signals import Commands, Log
 from sim2real.thresholds import THRESHOLDS
@@ -79,11 +79,11 @@ def load_bag(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) 
                 (stamp, _gains(numbers, len(joints)))
                 for stamp, numbers in recording.read("target_gains", lambda message: message.data)
             ]
-            stamp, values = joint_states(name, raw["joint_states"], joints)
+            stamp, values = read_joint_states(name, raw["joint_states"], joints)
             _check_held(name, raw["joint_states"], held)
             commanded, answers = _if_of_joints(name, raw.get("effort_command"), joints)
             motor_stamp, motor = _if_of_joints(name, raw.get("motor_states"), joints)
-            phases = phase_changes(name, raw)
+            phases = read_phase_changes(name, raw)
     except BagError as error:
         raise bag_violation(path, error) from error
     _check_order(f"{name}: joint_states", stamp / SECOND)
@@ -115,7 +115,7 @@ def _check_held(name: str, messages: TopicMessages, held: Sequence) -> None:
     """Raise ContractViolation where a joint that the model holds still is recorded elsewhere, and weighs."""
     moved = []
     for joint in held:
-        away = float(np.abs(joint_positions(messages, joint.name) - joint.reference).max(initial=0.0))
+        away = float(np.abs(read_joint_positions(messages, joint.name) - joint.reference).max(initial=0.0))
         if away * joint.load > RECORDINGS.held_load:
             moved.append(f"{joint.name} (up to {away:.2g} rad or m)")
     if moved:
@@ -126,10 +126,10 @@ def _check_held(name: str, messages: TopicMessages, held: Sequence) -> None:
 
 
 def _if_of_joints(name: str, messages: TopicMessages | None, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    """`joint_states` of a topic that a recording may lack: nothing where its messages are of other joints."""
-    if not names_any(messages, joints):
-        return joint_states(name, None, joints)
-    return joint_states(name, messages, joints)
+    """`read_joint_states` of a topic that a recording may lack: nothing where its messages are of other joints."""
+    if not has_joint(messages, joints):
+        return read_joint_states(name, None, joints)
+    return read_joint_states(name, messages, joints)
 
 
 def _repeated(fresh: np.ndarray) -> str:

@@ -36,7 +36,7 @@ from np_policy.action import PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, weights_file
 from np_policy.episode import SECOND, Episode, EpisodeConfig, Event
 from np_policy.policy import PostContactPolicy, PreContactPolicy
-from np_record.outcome import score
+from np_record.outcome import score_outcome
 from np_sim_bridge.simulation import Simulation
 
 TICK = SECOND // 10  # ns
@@ -142,7 +142,7 @@ class InProcessRollout:
             arm.step(driver.drive(guard.apply(now.stamp, q, dq).torque, q, dq))
             if arm.reflex:
                 guard.fault(arm.reflex)
-        outcome = score(self._domain, said, arm.object_pose(), arm.task.goal, arm.stamp / SECOND)
+        outcome = score_outcome(self._domain, said, arm.object_pose(), arm.task.goal, arm.stamp / SECOND)
         result = result_of(number, outcome, time.monotonic() - began, force=arm.force.figures)
         return replace(result, **self._engine_named)
 

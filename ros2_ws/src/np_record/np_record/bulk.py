@@ -17,7 +17,7 @@ _SECOND = 1_000_000_000
 _KINDS = 20  # of messages that are read together; further ones are read one by one
 
 
-def joint_states(bag: str, messages: TopicMessages | None, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+def read_joint_states(bag: str, messages: TopicMessages | None, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """(times (n,) ns, values (n, 3, k): position, velocity, effort) of these joints in this order; no messages are no rows.
 
     Messages may name further joints, in any order. Those that name none of these, as a gripper's, are passed over; so is one that comes
@@ -37,18 +37,18 @@ def joint_states(bag: str, messages: TopicMessages | None, names: Sequence[str])
     return stamps[~again], values[~again]
 
 
-def joint_state_rows(messages: Sequence[bytes], names: Sequence[str]) -> np.ndarray:
-    """Values (n, 3, k) as of `joint_states`, of serialized messages; those with a number that is not finite are left out."""
+def read_joint_rows(messages: Sequence[bytes], names: Sequence[str]) -> np.ndarray:
+    """Values (n, 3, k) as of `read_joint_states`, of serialized messages; those with a number that is not finite are left out."""
     values = _read("joint states", TopicMessages(TIMELINE, np.arange(len(messages)), list(messages)), names)[1]
     return values[np.isfinite(values).all(axis=(1, 2))]
 
 
-def names_any(messages: TopicMessages | None, names: Sequence[str]) -> bool:
+def has_joint(messages: TopicMessages | None, names: Sequence[str]) -> bool:
     """Whether one of these messages names one of these joints."""
     return bool(messages) and any(set(names) & set(named) for _, named, _ in _alike(messages.topic.name, messages))
 
 
-def joint_positions(messages: TopicMessages, name: str) -> np.ndarray:
+def read_joint_positions(messages: TopicMessages, name: str) -> np.ndarray:
     """Finite positions (n,) of one joint in the messages that say one, whatever else is in them."""
     topic = messages.topic.name
     found = [

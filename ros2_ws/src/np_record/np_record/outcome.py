@@ -11,20 +11,22 @@ from np_description.phases import ACTIVE, FAILED, POST, PRE, SUCCEEDED, PhaseSta
 
 @dataclass(frozen=True)
 class Outcome:
-    """How an episode ended.
-
-    declared: the phase the graph ended in, reason: what it said about it; distance m, angle rad: true
-    object pose to goal at the end; success: whether that is within the domain's tolerance; duration: s of
-    simulated time; contacts: how many were chosen.
-    """
+    """How an episode ended."""
 
     declared: str
+    """Phase in which the graph ended."""
     reason: str
+    """Reason that the graph gave, or why the recording ends early."""
     distance: float
+    """m, true position of the object to its goal at the end."""
     angle: float
+    """rad, likewise."""
     success: bool
+    """Whether both are within the task's tolerance."""
     duration: float
+    """s of simulated time."""
     contacts: int = 1
+    """Number of contacts that were chosen."""
 
     @property
     def failed_in(self) -> str:
@@ -40,12 +42,12 @@ class Outcome:
         return POST if self.declared == SUCCEEDED else self.declared
 
 
-def position_only(domain: Task) -> str:
+def note_position_only(domain: Task) -> str:
     """What stands beside an angle that does not count towards the domain's success, "" where it does."""
     return " (position only)" if domain.tolerance_angle is None else ""
 
 
-def score(
+def score_outcome(
     domain: Task, said: Sequence[PhaseState], pose: Pose, goal: Pose, duration: float, early: str = ""
 ) -> Outcome:
     """The outcome of an episode of which `said` was said up to its end or beyond, for an object that ended at `pose` (truth).

@@ -23,19 +23,21 @@ from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.phases import PRE, PhaseState
 from np_record.bag import BagError, Recording
 from np_record.bag_writer import INCOMPLETE
-from np_record.bulk import joint_states
-from np_record.outcome import Outcome, score
-from np_record.recorded_phases import PHASE_TOPICS, phase_changes
+from np_record.bulk import read_joint_states
+from np_record.outcome import Outcome, score_outcome
+from np_record.recorded_phases import PHASE_TOPICS, read_phase_changes
 
 SECOND = 1e9
 
 
 @dataclass(frozen=True)
 class Series:
-    """Samples over time: time (n,) s from the start of the bag, values (n, ...)."""
+    """Samples over time."""
 
     time: np.ndarray
+    """(n,) s from the start of the bag."""
     values: np.ndarray
+    """(n, ...)."""
 
     def __len__(self) -> int:
         return len(self.time)
@@ -43,35 +45,48 @@ class Series:
 
 @dataclass(frozen=True)
 class EpisodeData:
-    """Everything a report shows.
-
-    position, velocity, effort: joints (n, 7) rad, rad/s, Nm measured; command: torque (n, 7) Nm asked for; target: (n, 7)
-    rad; object_position (n, 3) m, object_quaternion (n, 4) wxyz; keypoints (n, 8, 3) u, v px, score;
-    keypoint_error (n, 8) px to the projected truth of the same stamp; depths: by pair, how deep (n,) m
-    shapes are in each other, 0 where they do not touch; wrench (n, 6) N, Nm: filtered external wrench on the hand, n = 0 in a recording
-    without one; phases: (time s, phase); counts by topic; duration s.
-    """
+    """Everything that a report shows."""
 
     domain: Task
+    """Its task."""
     information: dict
+    """What the recorder knew of the run."""
     position: Series
+    """Joints (n, 7) rad, measured."""
     velocity: Series
+    """(n, 7) rad/s, measured."""
     effort: Series
+    """(n, 7) Nm, measured."""
     wrench: Series
+    """(n, 6) N, Nm, filtered external wrench on the hand; n = 0 where it was not recorded."""
     command: Series
+    """(n, 7) Nm, commanded torque."""
     target: Series
+    """(n, 7) rad, joint targets."""
     object_position: Series
+    """(n, 3) m."""
     object_quaternion: Series
+    """(n, 4) wxyz."""
     keypoints: Series
+    """(n, 8, 3) u px, v px, score."""
     keypoint_error: Series
+    """(n, 8) px to the projected truth of the same stamp."""
     distance: Series
+    """(n,) m, object to goal."""
     angle: Series
+    """(n,) rad, likewise."""
     goal: Pose
+    """Of the object."""
     depths: Mapping[str, Series]
+    """By pair of shapes: penetration depth (n,) m, 0 without contact."""
     phases: list[tuple[float, PhaseState]]
+    """(s, phase), when each phase began."""
     counts: dict[str, int]
+    """Messages by topic."""
     duration: float
+    """s."""
     outcome: Outcome
+    """How it ended."""
 
 
 def load_episode(recording: Recording) -> EpisodeData:
@@ -86,7 +101,7 @@ def load_episode(recording: Recording) -> EpisodeData:
         return (np.asarray(stamps, np.int64) - start) / SECOND
 
     def joint_series(name: str, names: Sequence[str]) -> Series:
-        stamps, values = joint_states(where, joints.get(name), names)
+        stamps, values = read_joint_states(where, joints.get(name), names)
         return Series(seconds(stamps), values)
 
     def series(name: str, read: Callable, shape: tuple[int, ...]) -> Series:
@@ -97,10 +112,10 @@ def load_episode(recording: Recording) -> EpisodeData:
     poses = series("object_pose", lambda m: np.concatenate(pose_arrays(m, BASE_FRAME)), (7,))
     wrench = series("external_wrench", lambda m: wrench_array(m, BASE_FRAME), (6,))
     keypoints = series("keypoints", keypoints_array, (8, 3))
-    domain = recorded_domain(recording)
+    domain = read_recorded_task(recording)
     goal = Pose(*next(recording.read("goal_pose", lambda m: pose_arrays(m, BASE_FRAME)))[1])
     distance, angle = pose_error(poses.values[:, :3], poses.values[:, 3:], goal.position, goal.quaternion)
-    changes = phase_changes(where, recording.rows(*PHASE_TOPICS))
+    changes = read_phase_changes(where, recording.rows(*PHASE_TOPICS))
     phases = [((stamp - start) / SECOND, state) for stamp, state in changes]
     said = [state for _, state in phases]
     began = next((number for number, state in enumerate(said) if state.phase == PRE), 0)
@@ -126,11 +141,11 @@ def load_episode(recording: Recording) -> EpisodeData:
         phases=phases,
         counts=recording.counts,
         duration=duration,
-        outcome=score(domain, said[began:], final, goal, duration, _early_end(recording)),
+        outcome=score_outcome(domain, said[began:], final, goal, duration, _early_end(recording)),
     )
 
 
-def recorded_domain(recording: Recording) -> Task:
+def read_recorded_task(recording: Recording) -> Task:
     """The domain that a recording says it is of. Raises BagError."""
     try:
         return read_domain(recording.information)
@@ -145,7 +160,7 @@ def _early_end(recording: Recording) -> str:
     return f"the recording ends early: {why}" if why else ""
 
 
-def images(recording: Recording):
+def read_images(recording: Recording):
     """(time s, pixels (height, width, 3) uint8) of the recorded images, one after the other."""
     for stamp, pixels in recording.read("camera/image_raw", image_array):
         yield (stamp - recording.start) / SECOND, pixels

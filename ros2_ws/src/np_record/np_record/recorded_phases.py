@@ -10,7 +10,7 @@ from np_record.bag import BagError, Message
 PHASE_TOPICS = ("episode/phase", "phase")  # the newer first: where a bag has it, the other says the same
 
 
-def phase_of(bag: str, message: Message) -> PhaseState:
+def read_phase(bag: str, message: Message) -> PhaseState:
     """What a recorded message of `episode/phase`, `episode/tick` or the former `phase` says; bag: what it is called.
 
     Raises BagError for one that cannot be read or says nothing of a phase.
@@ -24,10 +24,10 @@ def phase_of(bag: str, message: Message) -> PhaseState:
         raise BagError(f"{bag}: {message.topic.name} at {message.stamp} ns: expected a phase, got: {error}") from error
 
 
-def phase_changes(bag: str, messages: Mapping[str, Sequence[Message]]) -> list[tuple[int, PhaseState]]:
+def read_phase_changes(bag: str, messages: Mapping[str, Sequence[Message]]) -> list[tuple[int, PhaseState]]:
     """(stamp ns, phase) in order, of a bag's messages by topic: of what is newer where it has both. Raises BagError."""
     topic = next((name for name in PHASE_TOPICS if messages.get(name)), None)
-    return [(message.stamp, phase_of(bag, message)) for message in messages[topic]] if topic else []
+    return [(message.stamp, read_phase(bag, message)) for message in messages[topic]] if topic else []
 
 
 def _former(text: str) -> PhaseState:

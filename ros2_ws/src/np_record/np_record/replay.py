@@ -15,7 +15,7 @@ import numpy as np
 from np_description.phases import IDLE, PRE
 from np_record.bag import BagError, Message, Recording
 from np_record.cdr import deserialize
-from np_record.recorded_phases import phase_of
+from np_record.recorded_phases import read_phase
 from np_record.topics import BY_NAME
 from np_ros.processes.policy_path import policy_path_nodes
 
@@ -34,23 +34,32 @@ REQUIRED = ("joint_states", "goal_keypoints", "episode/phase", "episode/tick", "
 
 @dataclass
 class ReplayStep:
-    """One stamp ns: what is said first, what must be answered, what is said then and answered then."""
+    """The messages of one stamp."""
 
     stamp: int
+    """ns."""
     first: list[Message] = field(default_factory=list)
+    """Published first."""
     answers: list[Message] = field(default_factory=list)
+    """Expected in answer."""
     then: list[Message] = field(default_factory=list)
+    """Published after these answers."""
     final_answers: list[Message] = field(default_factory=list)
+    """Expected in answer to those."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """The first message that differs: topic, its number there, stamp ns, what was expected and what came."""
+    """The first message that differs."""
 
     topic: str
+    """Its topic."""
     index: int
+    """Its number on the topic."""
     stamp: int
+    """ns."""
     what: str
+    """What was expected, and what came."""
 
 
 class ReplayScript:
@@ -104,7 +113,7 @@ class ReplayScript:
         # The phases after `pre` answer the plan; so does the tick.
         is_later = name == "episode/tick"
         if name == "episode/phase":
-            is_later = phase_of(f"bag {self._recording.path}", message).phase not in (IDLE, PRE)
+            is_later = read_phase(f"bag {self._recording.path}", message).phase not in (IDLE, PRE)
         return step.then if is_later else step.first
 
 

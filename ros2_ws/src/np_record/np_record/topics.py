@@ -7,17 +7,18 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic of the contract.
-
-    type: full message type. stamped: the message begins with the acquisition time (a header, or clock).
-    latched: a late joiner gets the last message. reproducible: equal in two lockstep runs with the same seed.
-    """
+    """One topic of the contract."""
 
     name: str
+    """Its relative name."""
     type: str
+    """Full message type."""
     stamped: bool = True
+    """Whether the message begins with the acquisition time: a header, or clock."""
     latched: bool = False
+    """Whether a late joiner gets the last message."""
     reproducible: bool = True
+    """Whether it is equal in two lockstep runs with the same seed."""
 
 
 TOPICS = (

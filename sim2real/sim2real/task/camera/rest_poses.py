@@ -66,12 +66,12 @@ def read_rest_poses(
     """
     from np_description.message_arrays import pose_arrays
     from np_record.bag import BagError, Recording  # slow
-    from np_record.recorded_episode import recorded_domain
+    from np_record.recorded_episode import read_recorded_task
 
     name, track = f"bag {path}", track or read_keypoint_track(path)
     try:
         with Recording(path, required=("keypoints",)) as recording:
-            domain, used = recorded_domain(recording), recording.information.get("calibration", "")
+            domain, used = read_recorded_task(recording), recording.information.get("calibration", "")
             first = recording.rows("keypoints")["keypoints"][0].stamp
             rows = recording.read("object_pose", lambda m: pose_arrays(m, BASE_FRAME)) if measured else ()
             poses = [(stamp, *pose) for stamp, pose in rows]

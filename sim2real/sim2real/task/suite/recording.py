@@ -61,12 +61,12 @@ class NotATaskSuite(ContractViolation):
 def read_task(path: str | Path) -> TaskRecording:
     """A rosbag2 recording of the task suite. Raises NoSuite for one of something else, ContractViolation."""
     from np_record.bag import BagError, Recording  # slow
-    from np_record.recorded_episode import recorded_domain
+    from np_record.recorded_episode import read_recorded_task
 
     log, track = load_bag(path), read_keypoint_track(path)
     try:
         with Recording(path, required=("joint_states", "keypoints")) as recording:
-            domain = recorded_domain(recording)
+            domain = read_recorded_task(recording)
             first, first_image = (recording.rows(topic)[topic][0].stamp for topic in ("joint_states", "keypoints"))
     except BagError as error:
         raise bag_violation(path, error) from error

@@ -11,7 +11,7 @@ from np_description.message_arrays import image_array, joint_state_arrays, pose_
 from np_description.objects.choice import read_domain
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_record.bag import BagError, Recording
-from np_record.recorded_phases import PHASE_TOPICS, phase_changes
+from np_record.recorded_phases import PHASE_TOPICS, read_phase_changes
 
 RATE = 20  # moments a second
 _SECOND = 1_000_000_000
@@ -47,7 +47,9 @@ class RecordedEpisode:
                 case name if name in collected:
                     collected[name].append(message)
         try:
-            self._phases = [(self._time(stamp), str(state)) for stamp, state in phase_changes(str(path), collected)]
+            self._phases = [
+                (self._time(stamp), str(state)) for stamp, state in read_phase_changes(str(path), collected)
+            ]
         except BagError:  # of the bare arm
             self._phases = []
 

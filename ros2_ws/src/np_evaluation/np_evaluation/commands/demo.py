@@ -48,7 +48,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 def run_episodes(options: argparse.Namespace, out: Path, bags: list[str], outcomes: list[Outcome]) -> None:
     """Run the episodes; bags and outcomes are appended to as they come, and so survive an interruption."""
     from np_evaluation.commands.common import running_graph
-    from np_record.outcome import position_only
+    from np_record.outcome import note_position_only
 
     domain = find_domain(options.domain)
     arguments = {
@@ -89,7 +89,7 @@ def run_episodes(options: argparse.Namespace, out: Path, bags: list[str], outcom
             outcomes.append(outcome)
             say(
                 f"  {'SUCCESS' if outcome.success else 'FAILURE'} by the true pose: "
-                f"{100 * outcome.distance:.2f} cm, {np.degrees(outcome.angle):.1f} deg{position_only(domain)} from the goal "
+                f"{100 * outcome.distance:.2f} cm, {np.degrees(outcome.angle):.1f} deg{note_position_only(domain)} from the goal "
                 f"after {outcome.duration:.1f} s"
             )
 

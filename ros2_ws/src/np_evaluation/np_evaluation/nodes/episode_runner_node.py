@@ -22,9 +22,9 @@ from np_description.limit_share import limit_shares
 from np_description.message_arrays import joint_state_arrays, pose_arrays, stamp_nanoseconds
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.phases import PhaseState, first_end
-from np_record.bulk import joint_state_rows
+from np_record.bulk import read_joint_rows
 from np_record.cdr import header_stamp
-from np_record.outcome import Outcome, score
+from np_record.outcome import Outcome, score_outcome
 from np_ros import qos
 from np_ros.client.supervised_client import SERVICE_TIMEOUT, GraphError, SupervisedGraphClient
 from np_ros.phases import phase_state
@@ -138,7 +138,7 @@ class EpisodeRunner(SupervisedGraphClient):
         self._hear_out()
         self._hear_backend()
         ended, pose = self._poses[-1]
-        return score(self._domain, self._phases, pose, goal, (ended - began) / 1e9)
+        return score_outcome(self._domain, self._phases, pose, goal, (ended - began) / 1e9)
 
     @property
     def depths(self) -> DepthHistogram:
@@ -148,7 +148,7 @@ class EpisodeRunner(SupervisedGraphClient):
     @property
     def limit_shares(self) -> np.ndarray:
         """The largest shares (3, 7) of the arm's limits that its joints came to in the last episode (np_description.limit_share)."""
-        values = joint_state_rows(self._heard, JOINT_NAMES)
+        values = read_joint_rows(self._heard, JOINT_NAMES)
         return limit_shares(*values.transpose(1, 0, 2)).max(1, initial=0.0)
 
     @property

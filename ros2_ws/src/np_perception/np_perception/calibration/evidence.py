@@ -14,9 +14,9 @@ from np_description.message_arrays import image_array
 from np_description.panda import JOINT_NAMES
 from np_perception.calibration.board import Board, BoardDetection, undistort
 from np_perception.calibration.bundle import BoardView
-from np_perception.camera.recorded_lens import recorded_lenses
+from np_perception.camera.recorded_lens import read_lenses
 from np_record.bag import Recording
-from np_record.bulk import joint_states
+from np_record.bulk import read_joint_states
 
 RESTING = 0.01  # rad/s, of every joint
 REST_BEFORE = 0.3  # s without movement before a posture counts: the mount stops swinging
@@ -91,8 +91,8 @@ def read_calibration_data(
     changes.
     """
     with Recording(path, required=("joint_states", "camera/image_raw", "camera/camera_info")) as recording:
-        stamps, values = joint_states(f"bag {path}", recording.rows("joint_states")["joint_states"], JOINT_NAMES)
-        lenses = [*recorded_lenses(recording)]
+        stamps, values = read_joint_states(f"bag {path}", recording.rows("joint_states")["joint_states"], JOINT_NAMES)
+        lenses = [*read_lenses(recording)]
         lens, turn = lenses[0]
         if any(other != lens or not np.allclose(turned, turn) for other, turned in lenses):
             raise CalibrationRefusal(f"bag {path}: expected one camera_info, it changes during the recording")

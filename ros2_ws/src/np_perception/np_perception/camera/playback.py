@@ -13,7 +13,7 @@ import yaml
 from np_description.calibration import Lens
 from np_description.camera import CAMERA
 from np_description.message_arrays import image_array
-from np_perception.camera.recorded_lens import recorded_lenses
+from np_perception.camera.recorded_lens import read_lenses
 from np_perception.camera.source import CameraError, CameraFrame, EndOfImages
 from np_record.bag import BagError, Recording
 
@@ -29,7 +29,7 @@ class BagImages:
     def __init__(self, path: str | Path) -> None:
         try:
             with Recording(path, required=("camera/image_raw",)) as recording:
-                self.lens, self.turn = next(recorded_lenses(recording), (POLICY_LENS, np.eye(3)))
+                self.lens, self.turn = next(read_lenses(recording), (POLICY_LENS, np.eye(3)))
                 stamps = [message.stamp for message in recording.messages("camera/image_raw")]
         except BagError as error:
             raise CameraError(str(error)) from error

@@ -12,7 +12,7 @@ from np_description.message_arrays import camera_info_lens
 from np_record.bag import Recording
 
 
-def recorded_lenses(recording: Recording) -> Iterator[tuple[Lens, np.ndarray]]:
+def read_lenses(recording: Recording) -> Iterator[tuple[Lens, np.ndarray]]:
     """What each camera_info says (`camera_info_lens`). Raises BagError.
 
     A recording of ours that was made with a calibration has turned images, also where their frame does not say so.

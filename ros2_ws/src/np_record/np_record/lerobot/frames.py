@@ -12,11 +12,11 @@ from np_description.message_arrays import gains_array, image_array, keypoints_ar
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.phases import ACTIVE, PRE, SUCCEEDED, first_end
 from np_record.bag import BagError, Recording
-from np_record.bulk import joint_states
+from np_record.bulk import read_joint_states
 from np_record.lerobot.layout import ACTION, DONE, GOAL, KEYPOINTS, OBJECT, PHASE, STATE, SUCCESS, TARGET, TORQUE
-from np_record.outcome import score
-from np_record.recorded_episode import recorded_domain
-from np_record.recorded_phases import PHASE_TOPICS, phase_changes
+from np_record.outcome import score_outcome
+from np_record.recorded_episode import read_recorded_task
+from np_record.recorded_phases import PHASE_TOPICS, read_phase_changes
 
 RATE = 10
 """Frames a second: the policies' rate. There is always an image at a policy's tick, whatever the camera's rate."""
@@ -50,15 +50,16 @@ NAMES: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class EpisodeFrames:
-    """One episode of n frames.
-
-    columns: by feature (n, numbers); images (n, height, width, 3) uint8, or none (0, ...) where no camera was recorded.
-    """
+    """One episode of n frames."""
 
     domain: Task
+    """Its task."""
     success: bool
+    """Whether the object came to its goal."""
     columns: dict[str, np.ndarray]
+    """(n, numbers) by feature."""
     images: np.ndarray
+    """(n, height, width, 3) uint8, (0, ...) where no camera was recorded."""
 
     def __len__(self) -> int:
         return len(self.columns[STATE])
@@ -69,7 +70,7 @@ class EpisodeFrames:
         return TASKS[self.domain.name]
 
 
-def episode_frames(recording: Recording) -> EpisodeFrames:
+def read_episode_frames(recording: Recording) -> EpisodeFrames:
     """The first episode of a recording. Raises BagError where a frame lacks something.
 
     A frame has the newest message of each topic whose stamp is not after its own. `action` and `command.effort` are the
@@ -79,9 +80,9 @@ def episode_frames(recording: Recording) -> EpisodeFrames:
     """
     where = f"bag {recording.path}"
     joints = recording.rows("joint_states", "effort_command")
-    states, state = joint_states(where, joints.get("joint_states"), STATE_NAMES)
-    orders, order = joint_states(where, joints.get("effort_command"), JOINT_NAMES)
-    changes = phase_changes(where, recording.rows(*PHASE_TOPICS))
+    states, state = read_joint_states(where, joints.get("joint_states"), STATE_NAMES)
+    orders, order = read_joint_states(where, joints.get("effort_command"), JOINT_NAMES)
+    changes = read_phase_changes(where, recording.rows(*PHASE_TOPICS))
     began = next((stamp for stamp, said in changes if said.phase == PRE), None)
     if began is None:
         raise BagError(f"{where}: expected an episode, phase {PRE} was never said")
@@ -117,13 +118,13 @@ def episode_frames(recording: Recording) -> EpisodeFrames:
         PHASE: np.array([[ACTIVE.index(said)] for said in _phases(changes, times)]),
         DONE: (np.arange(len(times)) == len(times) - 1)[:, None],
     }
-    domain = recorded_domain(recording)
+    domain = read_recorded_task(recording)
     success = end is not None and end.phase == SUCCEEDED
     if len(poses["object_pose"][0]):
         columns[OBJECT] = newest("object_pose", *poses["object_pose"], times + _ROUNDING)
         place = newest("object_pose", *poses["object_pose"], np.array([ended + _ROUNDING]))[0]
         goal = columns[GOAL][-1]
-        success = score(domain, [], Pose(place[:3], place[3:]), Pose(goal[:3], goal[3:]), 0.0).success
+        success = score_outcome(domain, [], Pose(place[:3], place[3:]), Pose(goal[:3], goal[3:]), 0.0).success
     columns[SUCCESS] = columns[DONE] & success
     return EpisodeFrames(domain, success, columns, _images(recording, times))
 

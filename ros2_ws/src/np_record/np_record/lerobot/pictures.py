@@ -13,7 +13,7 @@ from np_record.lerobot.layout import DataSetError
 _AHEAD = 1.0  # s before the first picture that is looked for: where a seek lands depends on the video's key frames
 
 
-def pictures_at(path: Path, times: np.ndarray, tolerance: float) -> Iterator[np.ndarray]:
+def read_pictures(path: Path, times: np.ndarray, tolerance: float) -> Iterator[np.ndarray]:
     """The picture (height, width, 3) uint8 RGB of each of the times (n,) s from the video's start, which increase.
 
     Raises DataSetError where a video cannot be decoded, or has no picture within `tolerance` s of a time.

@@ -12,7 +12,7 @@ import numpy as np
 from np_record.lerobot import layout
 from np_record.lerobot.checking import check_tables
 from np_record.lerobot.layout import DataSetError, parquet
-from np_record.lerobot.pictures import pictures_at
+from np_record.lerobot.pictures import read_pictures
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class DataSet:
             known = ", ".join(about.clips) or "no videos"
             raise DataSetError(f"feature {feature}: expected a video of the data set, which has {known}")
         clip = about.clips[feature]
-        return pictures_at(clip.path, clip.begin + self.columns["timestamp"][about.rows].ravel(), 0.5 / self.rate)
+        return read_pictures(clip.path, clip.begin + self.columns["timestamp"][about.rows].ravel(), 0.5 / self.rate)
 
 
 def read_data_set(root: str | Path) -> DataSet:

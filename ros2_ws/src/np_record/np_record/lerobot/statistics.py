@@ -8,7 +8,7 @@ _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 _STEP = 16  # of an image, one pixel in this many counts, in each direction
 
 
-def statistics(values: np.ndarray) -> dict[str, list]:
+def summarize(values: np.ndarray) -> dict[str, list]:
     """Of values (n, numbers): min, max, mean, std, quantiles, each a list of that many, and count [n]."""
     return _summary(values.astype(float), len(values))
 
@@ -18,7 +18,7 @@ def sample_pixels(images: np.ndarray) -> np.ndarray:
     return images[:, ::_STEP, ::_STEP].copy()
 
 
-def image_statistics(pixels: np.ndarray) -> dict[str, list]:
+def summarize_images(pixels: np.ndarray) -> dict[str, list]:
     """Of `sample_pixels` images uint8, as shares of full brightness: by colour, nested as (3, 1, 1)."""
     summary = _summary(pixels.reshape(-1, 3) / 255.0, len(pixels))
     return {name: value if name == "count" else [[[v]] for v in value] for name, value in summary.items()}

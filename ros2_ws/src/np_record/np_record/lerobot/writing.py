@@ -12,9 +12,9 @@ import numpy as np
 from np_description.camera import CAMERA
 from np_record.bag import BagError, Recording
 from np_record.lerobot import layout
-from np_record.lerobot.frames import NAMES, RATE, EpisodeFrames, episode_frames
+from np_record.lerobot.frames import NAMES, RATE, EpisodeFrames, read_episode_frames
 from np_record.lerobot.layout import CAMERA_IMAGE, DataSetError, parquet
-from np_record.lerobot.statistics import image_statistics, sample_pixels, statistics
+from np_record.lerobot.statistics import sample_pixels, summarize, summarize_images
 from np_record.report.video import encode
 
 ROBOT = "franka_panda"
@@ -63,7 +63,7 @@ class _Episodes:
         """The images of all episodes, one after the other; what else they have is kept."""
         for number, bag in enumerate(bags):
             with Recording(bag) as recording:
-                frames = episode_frames(recording)
+                frames = read_episode_frames(recording)
             self._add(frames, str(bag))
             for image in frames.images:
                 self.video.parent.mkdir(parents=True, exist_ok=True)
@@ -152,8 +152,8 @@ class _Episodes:
 
 
 def _statistics(columns: dict[str, np.ndarray], pixels: np.ndarray) -> dict[str, dict[str, list]]:
-    summary = {name: statistics(values) for name, values in columns.items()}
-    return {**summary, CAMERA_IMAGE: image_statistics(pixels)} if len(pixels) else summary
+    summary = {name: summarize(values) for name, values in columns.items()}
+    return {**summary, CAMERA_IMAGE: summarize_images(pixels)} if len(pixels) else summary
 
 
 def _dtype(name: str) -> str:

@@ -6,7 +6,7 @@ from collections import deque
 
 from np_record.bag import Message
 from np_record.cdr import padding_filter
-from np_record.nodes.recorder_node import message_class
+from np_record.nodes.recorder_node import find_message_class
 from np_record.replay import ReplayComparison, ReplayScript, ReplayStep
 from np_record.topics import BY_NAME
 from np_ros import qos
@@ -28,7 +28,7 @@ class Player(SupervisedGraphClient):
         self.comparison = ReplayComparison(script.live)
         self._publishers = {
             name: self._node.create_publisher(
-                message_class(BY_NAME[name].type),
+                find_message_class(BY_NAME[name].type),
                 name,
                 qos.LATCHED if BY_NAME[name].latched else qos.LOCKSTEP,
             )
@@ -37,7 +37,7 @@ class Player(SupervisedGraphClient):
         self._received: dict[str, deque[bytes]] = {name: deque() for name in script.live}
         for name in script.live:
             self._node.create_subscription(
-                message_class(BY_NAME[name].type),
+                find_message_class(BY_NAME[name].type),
                 name,
                 self._receiver(name),
                 qos.EVENT if name in _EVENTS else qos.LOCKSTEP,

@@ -48,7 +48,7 @@ class Recorder(Node):
         self._diagnostics = Diagnostics(self)
         self._subscriptions_by_topic = {
             topic.name: self.create_subscription(
-                message_class(topic.type),
+                find_message_class(topic.type),
                 topic.name,
                 self._receiver(topic),
                 qos.RECORDER_LATCHED if topic.latched else qos.RECORDER,
@@ -176,7 +176,7 @@ class Recorder(Node):
         return response
 
 
-def message_class(message_type: str) -> type:
+def find_message_class(message_type: str) -> type:
     """The class of a message type such as sensor_msgs/msg/Image."""
     package, _, name = message_type.split("/")
     return getattr(importlib.import_module(f"{package}.msg"), name)

@@ -15,20 +15,24 @@ from np_description.force_reflex import FORCE_REFLEX
 from np_description.panda import NOMINAL
 from np_description.phases import PhaseState
 from np_record.bag import Recording
-from np_record.outcome import position_only
-from np_record.recorded_episode import EpisodeData, images, load_episode
+from np_record.outcome import note_position_only
+from np_record.recorded_episode import EpisodeData, load_episode, read_images
 from np_record.report import plots
 from np_record.report.video import write_video
 
 
 @dataclass(frozen=True)
 class ReportSection:
-    """One episode of the report: its bag's name, its data, its plots (SVG), its video (data URI or "")."""
+    """One episode of the report."""
 
     name: str
+    """Name of its bag."""
     episode: EpisodeData
+    """Its data."""
     plots: dict[str, str]
+    """SVG by title."""
     video: str
+    """Data URI, "" where no image was recorded."""
 
     @property
     def rates(self) -> list[tuple[str, int, float]]:
@@ -58,7 +62,7 @@ class ReportSection:
             ),
             (
                 "angle to goal",
-                f"{np.degrees(episode.angle.values[0]):.0f}° → {np.degrees(outcome.angle):.1f}°{position_only(episode.domain)}",
+                f"{np.degrees(episode.angle.values[0]):.0f}° → {np.degrees(outcome.angle):.1f}°{note_position_only(episode.domain)}",
             ),
             ("simulated time", f"{outcome.duration:.1f} s"),
             ("largest joint speed", _largest_speed(episode)),
@@ -93,24 +97,24 @@ def make_section(bag: str | Path, video_file: Path | None = None) -> ReportSecti
     with Recording(bag) as recording:
         episode = load_episode(recording)
         drawn = {
-            "Distance and angle to the goal": plots.progress_plot(episode),
-            "Commanded torque": plots.torque_plot(episode),
-            **({"External force": plots.force_plot(episode)} if len(episode.wrench) else {}),
-            "Joint speed": plots.speed_plot(episode),
-            "Joint tracking": plots.tracking_plot(episode),
-            "Depth of contact": plots.depth_plot(episode),
-            "Keypoints against the projected truth": plots.keypoint_plot(episode),
-            "From above": plots.path_plot(episode),
+            "Distance and angle to the goal": plots.plot_progress(episode),
+            "Commanded torque": plots.plot_torque(episode),
+            **({"External force": plots.plot_force(episode)} if len(episode.wrench) else {}),
+            "Joint speed": plots.plot_speed(episode),
+            "Joint tracking": plots.plot_tracking(episode),
+            "Depth of contact": plots.plot_depth(episode),
+            "Keypoints against the projected truth": plots.plot_keypoints(episode),
+            "From above": plots.plot_path(episode),
         }
         with tempfile.TemporaryDirectory() as folder:
             path = video_file or Path(folder) / "video.webm"
             rate = float(episode.information.get("image_rate", 30))
-            frames = write_video(path, episode, images(recording), rate)
+            frames = write_video(path, episode, read_images(recording), rate)
             data = base64.b64encode(path.read_bytes()).decode() if frames else ""
     return ReportSection(Path(bag).name, episode, drawn, f"data:video/webm;base64,{data}" if data else "")
 
 
-def title_of(sections: list[ReportSection]) -> str:
+def make_title(sections: list[ReportSection]) -> str:
     """What a report of these episodes is called: by their domains."""
     names = list(dict.fromkeys(section.episode.domain.name for section in sections))
     return f"{' and '.join(names)} episodes".capitalize()
@@ -122,12 +126,12 @@ def write_report(path: str | Path, sections: list[ReportSection]) -> None:
     low, high = wilson_interval(successes, len(sections))
     text = page(
         "np_record",
-        title=title_of(sections),
+        title=make_title(sections),
         sections=sections,
         successes=successes,
         low=low,
         high=high,
         colours=plots.PHASE_COLOURS,
-        position_only=position_only,
+        position_only=note_position_only,
     )
     Path(path).write_text(text, encoding="utf-8")

@@ -24,7 +24,7 @@ PHASE_COLOURS = {
 }
 
 
-def progress_plot(episode: EpisodeData) -> str:
+def plot_progress(episode: EpisodeData) -> str:
     """Distance and angle to the goal over time, with the tolerances."""
     with style():
         figure, (top, bottom) = _figure(2, 3.6, episode)
@@ -40,53 +40,42 @@ def progress_plot(episode: EpisodeData) -> str:
         return svg(figure)
 
 
-def torque_plot(episode: EpisodeData) -> str:
+def plot_torque(episode: EpisodeData) -> str:
     """Commanded torque of each joint as a share of its limit."""
+    return _plot_joints(
+        episode, episode.command.time, 100 * episode.command.values / NOMINAL.torque_limit, "torque (% of limit)", True
+    )
+
+
+def plot_tracking(episode: EpisodeData) -> str:
+    """Difference of each joint from its target."""
+    common, i, j = np.intersect1d(episode.position.time, episode.target.time, return_indices=True)
+    error = np.degrees(episode.target.values[j] - episode.position.values[i])
+    return _plot_joints(episode, common, error, "target - measured (deg)")
+
+
+def plot_speed(episode: EpisodeData) -> str:
+    """Speed of each joint as a share of its limit, at which the robot's reflex stops it."""
+    shares = 100 * episode.velocity.values / NOMINAL.velocity_limit
+    return _plot_joints(episode, episode.velocity.time, shares, "speed (% of limit)", True)
+
+
+def _plot_joints(episode: EpisodeData, time: np.ndarray, values: np.ndarray, label: str, is_share: bool = False) -> str:
+    """Values (n, 7) of the joints; is_share: in % of limits, which are drawn."""
     with style():
-        figure, axes = _figure(1, 2.8, episode)
-        for joint in range(7):
-            axes[0].plot(
-                episode.command.time,
-                100 * episode.command.values[:, joint] / NOMINAL.torque_limit[joint],
-                lw=0.8,
-                label=f"joint {joint + 1}",
-            )
-        for limit in (-100, 100):
-            axes[0].axhline(limit, color="#b02020", lw=1)
-        axes[0].set_ylabel("torque (% of limit)")
-        axes[0].set_ylim(-115, 115)
+        figure, (axes,) = _figure(1, 2.6, episode)
+        for joint, column in enumerate(values.T):
+            axes.plot(time, column, lw=0.8, label=f"joint {joint + 1}")
+        if is_share:
+            for limit in (-100, 100):
+                axes.axhline(limit, color="#b02020", lw=1)
+            axes.set_ylim(-115, 115)
+        axes.set_ylabel(label)
         figure.legend(fontsize=7, loc="outside right center", frameon=False)
         return svg(figure)
 
 
-def tracking_plot(episode: EpisodeData) -> str:
-    """How far each joint is from its target."""
-    with style():
-        figure, axes = _figure(1, 2.4, episode)
-        common, i, j = np.intersect1d(episode.position.time, episode.target.time, return_indices=True)
-        error = np.degrees(episode.target.values[j] - episode.position.values[i])
-        for joint in range(7):
-            axes[0].plot(common, error[:, joint], lw=0.8, label=f"joint {joint + 1}")
-        axes[0].set_ylabel("target - measured (deg)")
-        figure.legend(fontsize=7, loc="outside right center", frameon=False)
-        return svg(figure)
-
-
-def speed_plot(episode: EpisodeData) -> str:
-    """Each joint's speed as a share of its limit, at which the robot's reflex stops it."""
-    with style():
-        figure, (axes,) = _figure(1, 2.4, episode)
-        for joint, share in enumerate(100 * episode.velocity.values.T / NOMINAL.velocity_limit[:, None]):
-            axes.plot(episode.velocity.time, share, lw=0.8, label=f"joint {joint + 1}")
-        for limit in (-100, 100):
-            axes.axhline(limit, color="#b03030", lw=0.8, ls="--")
-        axes.set_ylabel("speed (% of limit)")
-        axes.set_ylim(-115, 115)
-        figure.legend(fontsize=7, loc="outside right center", frameon=False)
-        return svg(figure)
-
-
-def force_plot(episode: EpisodeData) -> str:
+def plot_force(episode: EpisodeData) -> str:
     """Filtered external force and moment at the hand against the reflex's thresholds, and the stricter force that is counted too."""
     with style():
         figure, (top, bottom) = _figure(2, 3.6, episode)
@@ -107,7 +96,7 @@ def force_plot(episode: EpisodeData) -> str:
         return svg(figure)
 
 
-def depth_plot(episode: EpisodeData) -> str:
+def plot_depth(episode: EpisodeData) -> str:
     """How deep shapes are in each other: what a real robot could not do."""
     with style():
         figure, (axes,) = _figure(1, 2.4, episode)
@@ -120,7 +109,7 @@ def depth_plot(episode: EpisodeData) -> str:
         return svg(figure)
 
 
-def keypoint_plot(episode: EpisodeData) -> str:
+def plot_keypoints(episode: EpisodeData) -> str:
     """Detected keypoints against the projected truth, and their scores."""
     with style():
         figure, (top, bottom) = _figure(2, 3.2, episode)
@@ -138,7 +127,7 @@ def keypoint_plot(episode: EpisodeData) -> str:
         return svg(figure)
 
 
-def path_plot(episode: EpisodeData) -> str:
+def plot_path(episode: EpisodeData) -> str:
     """The object from above: start, path and goal; x points up, as the robot sees it."""
     with style():
         figure = Figure(figsize=(3.6, 3.6), layout="constrained")
@@ -155,14 +144,8 @@ def path_plot(episode: EpisodeData) -> str:
             corners = box_keypoints(half, position, quaternion)[:, :2]
             hull = corners[_convex_order(corners)]
             closed = np.vstack([hull, hull[:1]])
-            axes.plot(
-                closed[:, 1],
-                closed[:, 0],
-                color=colour,
-                lw=1.5,
-                label=label,
-                ls="--" if label == "goal" else "-",
-            )
+            line = "--" if label == "goal" else "-"
+            axes.plot(closed[:, 1], closed[:, 0], color=colour, lw=1.5, label=label, ls=line)
         axes.set_aspect("equal", adjustable="datalim")
         axes.invert_xaxis()
         axes.set_xlabel("y (m)")
@@ -177,26 +160,13 @@ def _figure(rows: int, height: float, episode: EpisodeData):
     ends = [*(begin for begin, _ in episode.phases[1:]), episode.duration]
     for axes in panels:
         for (begin, state), end in zip(episode.phases, ends):
-            axes.axvspan(
-                begin,
-                max(end, begin + 0.01),
-                color=PHASE_COLOURS.get(state.phase, "#ffffff"),
-                lw=0,
-                zorder=-1,
-            )
+            colour = PHASE_COLOURS.get(state.phase, "#ffffff")
+            axes.axvspan(begin, max(end, begin + 0.01), color=colour, lw=0, zorder=-1)
         axes.set_xlim(0, max(episode.duration, 0.01))
     for (begin, state), end in zip(episode.phases, ends):
         if end - begin > 0.03 * episode.duration:
-            panels[0].text(
-                (begin + end) / 2,
-                1.01,
-                state.phase,
-                ha="center",
-                va="bottom",
-                fontsize=8,
-                color="#555555",
-                transform=panels[0].get_xaxis_transform(),
-            )
+            text = {"ha": "center", "va": "bottom", "fontsize": 8, "color": "#555555"}
+            panels[0].text((begin + end) / 2, 1.01, state.phase, transform=panels[0].get_xaxis_transform(), **text)
     panels[-1].set_xlabel("simulated time (s)")
     return figure, panels
 

@@ -33,7 +33,7 @@ def write_video(path: str | Path, episode: EpisodeData, images: Iterable[tuple[f
     beside = ThirdPerson(episode.domain, SCALE * CAMERA.height)
     return encode(
         path,
-        (np.hstack([annotate(pixels, episode, t), from_the_side(beside, episode, t)]) for t, pixels in images),
+        (np.hstack([annotate(pixels, episode, t), draw_from_side(beside, episode, t)]) for t, pixels in images),
         rate,
     )
 
@@ -73,7 +73,7 @@ def annotate(pixels: np.ndarray, episode: EpisodeData, time: float) -> np.ndarra
     return frame
 
 
-def from_the_side(beside: ThirdPerson, episode: EpisodeData, time: float) -> np.ndarray:
+def draw_from_side(beside: ThirdPerson, episode: EpisodeData, time: float) -> np.ndarray:
     """Arm, object and goal at `time` s; RGB uint8."""
     place = _latest(episode.object_position, time, None)
     turn = _latest(episode.object_quaternion, time, None)
