@@ -90,14 +90,7 @@ def test_what_upstream_has_turned_is_turned_back(held):
             detection.ids, rays[:, :2] / rays[:, 2:] * lens.fx + (lens.cx, lens.cy), detection.markers
         )
 
-    other = type(evidence)(
-        lens,
-        turn,
-        evidence.rests,
-        [(i, turned(d)) for i, d in evidence.detections],
-        evidence.images,
-        evidence.markers,
-    )
+    other = replace(evidence, turn=turn, detections=[(i, turned(d)) for i, d in evidence.detections])
     again = calibrate(other, BOARD, NOW).calibration
     np.testing.assert_allclose(again.position, plain.position, atol=1e-4)
     np.testing.assert_allclose(again.rotation, plain.rotation, atol=1e-4)

@@ -19,7 +19,7 @@ from np_description.message_arrays import BadMessage, joint_state_arrays, keypoi
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_record.bag import Message, Recording
 from np_record.cdr import TYPESTORE
-from np_record.nodes.recorder_node import message_class
+from np_record.nodes.recorder_node import find_message_class
 from np_record.topics import TOPICS, Topic
 from np_ros import qos
 from np_ros.client.graph_client import GraphClient
@@ -103,7 +103,7 @@ def listen(peer: GraphClient, stream: FoxgloveStream) -> None:
     for topic in TOPICS:
         profile = qos.LATCHED if topic.latched else qos.REALTIME_SUBSCRIBER
         forward = partial(_forward, stream, topic)
-        peer.node.create_subscription(message_class(topic.type), topic.name, forward, profile, raw=True)
+        peer.node.create_subscription(find_message_class(topic.type), topic.name, forward, profile, raw=True)
 
 
 def _forward(stream: FoxgloveStream, topic: Topic, data: bytes) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 
-from np_record.nodes.recorder_node import message_class
+from np_record.nodes.recorder_node import find_message_class
 from np_record.topics import BY_NAME
 
 SECOND = 1_000_000_000
@@ -78,7 +78,7 @@ def _draw(rng: np.random.Generator, low: float, high: float) -> float:
 
 def breaker(topic: str, kind: str, size: float) -> Callable[[bytes], bytes]:
     """What makes the messages of a topic not a number (`nan`), or wrong by `size` (`wrong`)."""
-    message_type, value = message_class(BY_NAME[topic].type), float("nan")
+    message_type, value = find_message_class(BY_NAME[topic].type), float("nan")
 
     def change(data: bytes) -> bytes:
         message = deserialize_message(data, message_type)
@@ -114,7 +114,7 @@ class Freezer:
         self._content: bytes | None = None
 
     def __call__(self, data: bytes) -> bytes:
-        message = deserialize_message(data, message_class(BY_NAME["keypoints"].type))
+        message = deserialize_message(data, find_message_class(BY_NAME["keypoints"].type))
         self._content = self._content or bytes(message.data)
         message.data = self._content
         return serialize_message(message)

@@ -14,7 +14,7 @@ from np_evaluation.simtest.process import Process, node_class
 from np_evaluation.simtest.scheduler import SECOND, Disk, Locks, Scheduler, simulated_host
 from np_record.bag import BagError, Message, Recording
 from np_record.cdr import header_stamp, padding_filter
-from np_record.nodes.recorder_node import message_class
+from np_record.nodes.recorder_node import find_message_class
 from np_record.replay import ReplayComparison, ReplayScript
 from np_record.topics import BY_NAME, TOPICS
 from np_ros import qos
@@ -85,14 +85,14 @@ class _Player:
         self._scheduler, self.comparison = scheduler, ReplayComparison(script.live)
         self._said = {
             name: process.node.create_publisher(
-                message_class(BY_NAME[name].type), name, qos.LATCHED if BY_NAME[name].latched else qos.LOCKSTEP
+                find_message_class(BY_NAME[name].type), name, qos.LATCHED if BY_NAME[name].latched else qos.LOCKSTEP
             )
             for name in script.fed
         }
         self._heard: dict[str, deque[bytes]] = {name: deque() for name in script.live}
         for name in script.live:
             process.node.create_subscription(
-                message_class(BY_NAME[name].type), name, self._receiver(name), qos.RECORDER, raw=True
+                find_message_class(BY_NAME[name].type), name, self._receiver(name), qos.RECORDER, raw=True
             )
 
     def _receiver(self, name: str) -> Callable[[bytes], None]:
