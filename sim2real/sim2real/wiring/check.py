@@ -14,7 +14,7 @@ from np_description.message_arrays import BadMessage, image_array, keypoints_arr
 from np_description.panda import JOINT_NAMES
 from np_description.weights.released import WeightsError
 from np_record.bag import BagError, Recording
-from np_record.recorded_episode import recorded_domain
+from np_record.recorded_episode import read_recorded_task
 from sim2real.arm.model import Arm
 from sim2real.recordings.reading import SECOND, bag_violation, load_log
 from sim2real.recordings.signals import Log
@@ -77,7 +77,7 @@ def read_wiring(path: str | Path) -> WiringRecording:
                 np.array([keypoints_array(message) for message in keypoints]).reshape(-1, 8, 3),
                 _stamps(keypoints),
                 np.array([image_array(message) for message in images if message.encoding == "rgb8"]),
-                recorded_domain(recording) if recording.information.get("domain") else None,
+                read_recorded_task(recording) if recording.information.get("domain") else None,
                 recording.information.get("calibration", ""),
             )
     except (BagError, BadMessage) as error:
