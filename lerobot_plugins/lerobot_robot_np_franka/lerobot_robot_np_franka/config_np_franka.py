@@ -19,6 +19,8 @@ class NpFrankaConfig(RobotConfig):
     """Observe the topic `keypoints`."""
     image: bool = True
     """Observe the topic `camera/image_raw`."""
+    goal: bool = False
+    """Observe the topic `goal_keypoints`, which policy `np` needs."""
     timeout: float = 20.0
     """s to wait for the first message of each topic."""
 

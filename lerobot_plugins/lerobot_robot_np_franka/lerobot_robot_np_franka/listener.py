@@ -23,7 +23,8 @@ class Listener:
         self._thread: threading.Thread | None = None
         for topic, message_type in topics.items():
             keep = partial(self._newest.__setitem__, topic)
-            self.client.node.create_subscription(message_type, topic, keep, qos.REALTIME_SUBSCRIBER)
+            profile = qos.LATCHED if topic == "goal_keypoints" else qos.REALTIME_SUBSCRIBER
+            self.client.node.create_subscription(message_type, topic, keep, profile)
 
     def start(self) -> None:
         """Wait for the first message of each topic, then listen in a thread: what else waits is done before.

@@ -50,6 +50,8 @@ class NpFranka(Robot):
         names = [f"{joint}.{part}" for part in ("pos", "vel", "effort") for joint in STATE_NAMES]
         if self.config.keypoints:
             names += [f"keypoint_{i}.{part}" for i in range(COUNT) for part in ("u", "v", "score")]
+        if self.config.goal:
+            names += [f"goal_{i}.{part}" for i in range(COUNT) for part in ("u", "v")]
         images = {"camera": (CAMERA.height, CAMERA.width, 3)} if self.config.image else {}
         return {**dict.fromkeys(names, float), **images}
 
@@ -81,6 +83,8 @@ class NpFranka(Robot):
         topics = {"joint_states": JointState}
         if self.config.keypoints:
             topics["keypoints"] = PointCloud2
+        if self.config.goal:
+            topics["goal_keypoints"] = PointCloud2
         if self.config.image:
             topics["camera/image_raw"] = Image
         listener = Listener("lerobot_robot", topics, self.config.timeout)
@@ -102,6 +106,8 @@ class NpFranka(Robot):
         values = np.concatenate(joint_state_arrays(listener.newest("joint_states"), STATE_NAMES))
         if self.config.keypoints:
             values = np.concatenate([values, keypoints_array(listener.newest("keypoints")).ravel()])
+        if self.config.goal:
+            values = np.concatenate([values, keypoints_array(listener.newest("goal_keypoints"))[:, :2].ravel()])
         found = {name: float(value) for name, value in zip(self.observation_features, values)}
         if self.config.image:
             found["camera"] = image_array(listener.newest("camera/image_raw"))
