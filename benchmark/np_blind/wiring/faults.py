@@ -41,7 +41,7 @@ class Subject:
 
 
 @dataclass(frozen=True)
-class Kind:
+class WiringFaultKind:
     """A kind of wrong convention."""
 
     name: str
@@ -176,17 +176,17 @@ def _clock(s: Subject, rng: np.random.Generator) -> Subject:
 
 
 KINDS = (
-    *(Kind(f"joints {j + 1} and {j + 2} exchanged", "swap", (j, j + 1), "arm", _swap(j)) for j in range(6)),
-    *(Kind(f"sign of joint {j + 1}", "sign", (j,), "arm", _sign(j)) for j in range(7)),
-    Kind("degrees", "degrees", (), "arm", _degrees),
-    Kind("quaternion w x y z", "quaternion", (), "episode", _quaternion),
-    Kind("frame of target poses", "frame", (), "episode", _poses(_frame)),
-    Kind("one sample late or early", "delay", (), "arm", _delay),
-    Kind("gains times 4", "gains", (), "arm", _gains),
-    Kind("action scale", "action_scale", (), "episode", _poses(_scale)),
-    Kind("BGR for RGB", "colours", (), "episode", _colours),
-    Kind("picture rotated", "image", (), "episode", _view(lambda rng: (int(rng.integers(1, 4)), False))),
-    Kind("picture mirrored", "image", (), "episode", _view(lambda rng: (2 * int(rng.integers(2)), True))),
-    Kind("corners in another order", "corners", (), "episode", _corners),
-    Kind("two clocks", "clock", (), "episode", _clock),
+    *(WiringFaultKind(f"joints {j + 1} and {j + 2} exchanged", "swap", (j, j + 1), "arm", _swap(j)) for j in range(6)),
+    *(WiringFaultKind(f"sign of joint {j + 1}", "sign", (j,), "arm", _sign(j)) for j in range(7)),
+    WiringFaultKind("degrees", "degrees", (), "arm", _degrees),
+    WiringFaultKind("quaternion w x y z", "quaternion", (), "episode", _quaternion),
+    WiringFaultKind("frame of target poses", "frame", (), "episode", _poses(_frame)),
+    WiringFaultKind("one sample late or early", "delay", (), "arm", _delay),
+    WiringFaultKind("gains times 4", "gains", (), "arm", _gains),
+    WiringFaultKind("action scale", "action_scale", (), "episode", _poses(_scale)),
+    WiringFaultKind("BGR for RGB", "colours", (), "episode", _colours),
+    WiringFaultKind("picture rotated", "image", (), "episode", _view(lambda rng: (int(rng.integers(1, 4)), False))),
+    WiringFaultKind("picture mirrored", "image", (), "episode", _view(lambda rng: (2 * int(rng.integers(2)), True))),
+    WiringFaultKind("corners in another order", "corners", (), "episode", _corners),
+    WiringFaultKind("two clocks", "clock", (), "episode", _clock),
 )

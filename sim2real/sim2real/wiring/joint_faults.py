@@ -46,7 +46,7 @@ IN_DEGREES = ("position", "velocity", "position and velocity", "target", "everyt
 
 
 @dataclass(frozen=True)
-class Candidate:
+class WrongConvention:
     """A wrong convention."""
 
     kind: str
@@ -61,21 +61,23 @@ class Candidate:
     """Of gains: recorded ones over those in force."""
 
 
-def candidates(joints: int) -> Iterator[Candidate]:
+def candidates(joints: int) -> Iterator[WrongConvention]:
     """All for an arm of so many joints."""
     every = tuple(range(joints))
     for stream, names in STREAMS.items():
         for j in range(joints - 1):
             order = [*range(j), j + 1, j, *range(j + 2, joints)]
-            yield Candidate("swap", stream, (j, j + 1), lambda s, n=names, o=order: s.change(n, lambda v: v[:, o]))
+            yield WrongConvention(
+                "swap", stream, (j, j + 1), lambda s, n=names, o=order: s.change(n, lambda v: v[:, o])
+            )
         for j in range(joints):
             sign = np.where(np.arange(joints) == j, -1.0, 1.0)
-            yield Candidate("sign", stream, (j,), lambda s, n=names, x=sign: s.change(n, lambda v: v * x))
+            yield WrongConvention("sign", stream, (j,), lambda s, n=names, x=sign: s.change(n, lambda v: v * x))
     for stream in IN_DEGREES:
         names = tuple(n for n in STREAMS[stream] if n not in ("effort", "command"))
-        yield Candidate("degrees", stream, every, lambda s, n=names: s.change(n, np.radians))
+        yield WrongConvention("degrees", stream, every, lambda s, n=names: s.change(n, np.radians))
     for factor in GAINS:
-        yield Candidate("gains", "target_gains", every, lambda s, f=factor: s.scale_gains(1 / f), factor)
+        yield WrongConvention("gains", "target_gains", every, lambda s, f=factor: s.scale_gains(1 / f), factor)
 
 
 def find_joint_fault(signals: JointSignals, relations: JointRelations, names: Sequence[str]) -> WiringFault | None:
@@ -100,7 +102,7 @@ def find_joint_fault(signals: JointSignals, relations: JointRelations, names: Se
     return None if found is None else _describe(found, names)
 
 
-def _describe(one: Candidate, names: Sequence[str]) -> WiringFault:
+def _describe(one: WrongConvention, names: Sequence[str]) -> WiringFault:
     joints = tuple(names[j] for j in one.joints)
     topic, part = TOPICS[one.stream]
     stream = f"{part} of {topic}" if part else topic

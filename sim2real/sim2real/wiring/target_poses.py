@@ -23,7 +23,7 @@ TOPIC = "target_pose"
 
 
 @dataclass(frozen=True, eq=False)
-class Poses:
+class FramePoses:
     """Frames in the base frame."""
 
     position: np.ndarray
@@ -31,7 +31,7 @@ class Poses:
     rotation: np.ndarray
     """(n, 3, 3)."""
 
-    def distance(self, other: Poses) -> float:
+    def distance(self, other: FramePoses) -> float:
         """Median distance, in units of what is tolerated: position and rotation by their larger."""
         away = np.linalg.norm(self.position - other.position, axis=1) / WIRING.pose_position
         turn = np.einsum("nji,njk->nik", self.rotation, other.rotation)
@@ -49,8 +49,11 @@ def find_target_pose_fault(log: Log, stamps: np.ndarray, messages: np.ndarray) -
     if known.sum() < WIRING.least_poses:
         return None
     messages, rows, answered = messages[known], rows[known], answered[known]
-    followed, measured = Poses(*forward_kinematics(c.target[rows])), Poses(*forward_kinematics(log.position[answered]))
-    pose = Poses(messages[:, :3], matrix_from_quaternion(messages[:, [6, 3, 4, 5]]))
+    followed, measured = (
+        FramePoses(*forward_kinematics(c.target[rows])),
+        FramePoses(*forward_kinematics(log.position[answered])),
+    )
+    pose = FramePoses(messages[:, :3], matrix_from_quaternion(messages[:, [6, 3, 4, 5]]))
     if pose.distance(followed) < 1.0:
         return None
     found = [(one.distance(followed), fault) for one, fault in _candidates(messages, pose, followed, measured)]
@@ -59,10 +62,10 @@ def find_target_pose_fault(log: Log, stamps: np.ndarray, messages: np.ndarray) -
 
 
 def _candidates(
-    messages: np.ndarray, pose: Poses, followed: Poses, measured: Poses
-) -> Iterator[tuple[Poses, WiringFault]]:
-    """Poses (n) of T_E in the base frame, if a convention is another one, and the fault that it is."""
-    other = Poses(pose.position, matrix_from_quaternion(messages[:, 3:]))
+    messages: np.ndarray, pose: FramePoses, followed: FramePoses, measured: FramePoses
+) -> Iterator[tuple[FramePoses, WiringFault]]:
+    """FramePoses (n) of T_E in the base frame, if a convention is another one, and the fault that it is."""
+    other = FramePoses(pose.position, matrix_from_quaternion(messages[:, 3:]))
     yield (
         other,
         WiringFault(
@@ -77,7 +80,7 @@ def _candidates(
     ahead = pose.rotation @ tool.position
     for name, rotation in (("hand", pose.rotation), ("flange", pose.rotation @ turn)):
         yield (
-            Poses(pose.position + ahead, rotation),
+            FramePoses(pose.position + ahead, rotation),
             WiringFault(
                 "frame",
                 TOPIC,
@@ -85,7 +88,7 @@ def _candidates(
                 "Send the pose of panda_tcp, between the fingertips.",
             ),
         )
-    relative = Poses(
+    relative = FramePoses(
         measured.position + np.einsum("nij,nj->ni", measured.rotation, pose.position), measured.rotation @ pose.rotation
     )
     yield (
@@ -101,7 +104,7 @@ def _candidates(
         c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarter]
         base = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         yield (
-            Poses(pose.position @ base.T, base @ pose.rotation),
+            FramePoses(pose.position @ base.T, base @ pose.rotation),
             WiringFault(
                 "frame",
                 TOPIC,
@@ -113,7 +116,7 @@ def _candidates(
     scale = float((step * went).sum() / max((step * step).sum(), 1e-12))
     if scale > 0 and abs(np.log(scale)) > np.log(WIRING.action_scale):
         yield (
-            Poses(measured.position + scale * step, followed.rotation),
+            FramePoses(measured.position + scale * step, followed.rotation),
             WiringFault(
                 "action_scale",
                 TOPIC,
