@@ -41,15 +41,11 @@ class AcquisitionTimes:
 
     @cached_property
     def span(self) -> tuple[int, int]:
-        """Times ns of the first and the last message that has one."""
+        """Times ns of the first and the last message that has a stamp, or of all where none has."""
         names = [name for name in self._files.counts if self._files.counts[name]]
         self._look_at(names)
-        stamps = [
-            s
-            for name in names
-            if self._has_stamps(name) or self._delay is not None
-            for s in self._stamps(name).values()
-        ]
+        stamps = [s for name in names if self._has_stamps(name) for s in self._stamps(name).values()]
+        stamps = stamps or [s for name in names for s in self._stamps(name).values()]
         return min(int(s.min()) for s in stamps), max(int(s.max()) for s in stamps)
 
     def order(self, names: Collection[str]) -> dict[tuple[str, Place], Iterator[tuple[int, int]]]:
