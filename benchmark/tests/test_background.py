@@ -11,6 +11,7 @@ from np_blind.arm.plant.rigid_arm import tcp_in_link7
 from np_blind.arm.sampling.background import MASS_ERROR
 from np_blind.arm.sampling.cases import ArmCase, make_physics
 from np_blind.arm.sampling.faults import HAND, Fault
+from np_blind.arm.sampling.measured_friction import apply_measured_friction
 from np_description.panda import NOMINAL
 
 
@@ -88,3 +89,19 @@ def test_a_payload_is_anywhere_on_the_hand_and_inertia_has_axes_of_its_own():
     assert np.abs(change @ before - before @ change).max() > 0.01 * np.abs(change @ before).max()  # other axes
     nominal = nominal_physics(1).inertials.inertia[0, 4]
     assert np.trace(turned.inertials.inertia[0, 4]) / np.trace(nominal) - 1 == pytest.approx(scale[0]["scale"][0])
+
+
+def test_measured_friction_falls_at_the_wrist_by_a_third_to_a_half_and_is_uneven():
+    physics = nominal_physics(200)
+    for arm in range(200):
+        apply_measured_friction(physics, arm, (5, arm))
+
+    def dry(floor, fall, speed):
+        return floor + fall / (1.0 + (speed / physics.fall_speed) ** physics.fall_steepness)
+
+    ways = [(physics.coulomb_forward, physics.fall_forward), (physics.coulomb_backward, physics.fall_backward)]
+    for floor, fall in ways:
+        lost = 1.0 - dry(floor, fall, 0.15) / dry(floor, fall, 0.04)
+        assert 0.3 < np.median(lost[:, 4:]) < 0.5 and lost[:, 4:].min() > 0.2 and lost[:, :4].max() < 0.2
+    forward, backward = (dry(floor, fall, 0.0) for floor, fall in ways)
+    assert (forward > 0).all() and np.median(abs(forward - backward) / (forward + backward)) > 0.05

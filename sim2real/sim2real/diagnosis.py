@@ -131,6 +131,7 @@ def explain_gap(
     design = estimate_loop_delay(make_regression(context))
     search = ModelSearch(design)
     search, chosen = refine_nonlinear_parameters(search, search.run(*((1, 1) if quick else ())))
+    chosen = chosen if quick else search.use_curves(chosen)
     chosen, held_out = keep_what_helps(search, chosen, seed)
     design = search.design
     tell("what is left, and how sure it is")

@@ -9,6 +9,7 @@ from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.arm_effects import ArmEffects
 from sim2real.effects.gravity import GravityTorque
 from sim2real.effects.hooks import STICTION_SPEED
+from sim2real.effects.joint_dynamics.friction_curve import EFFECT, SPEEDS
 from sim2real.effects.patch import Patch, PatchEffect
 
 from np_control.dynamics import Dynamics
@@ -132,6 +133,19 @@ def test_stribecks_torque_falls_with_speed(q, dq, breakaway, speed):
     extra = gap("stribeck_friction", breakaway=breakaway, speed=speed).extra(q, dq)
     expected = -breakaway * np.tanh(dq[at] / STICTION_SPEED) * np.exp(-((dq[at] / speed) ** 2))
     assert extra[at] == pytest.approx(expected, abs=1e-12) and not np.delete(extra, at).any()
+
+
+@given(angles, speeds, st.floats(-0.1, 1), st.floats(-0.1, 1), st.floats(-0.05, 1), st.floats(-0.05, 1))
+def test_a_friction_curve_has_dry_and_viscous_friction_of_two_ways_as_special_cases(q, dq, dry, other, viscous, slope):
+    """At the speeds of the curve's values on; below the first it is level."""
+    dq = np.where(abs(dq) < SPEEDS[0], SPEEDS[0], dq)
+    values = {f"positive_{1e3 * v:.0f}": dry + viscous * v for v in SPEEDS}
+    values |= {f"negative_{1e3 * v:.0f}": other + slope * v for v in SPEEDS}
+    model = gap("friction_curve", **values)
+    level = EFFECT.modify_rigid_body(NOMINAL, NOMINAL.joints[at], values).frictionloss - NOMINAL.frictionloss
+    resisting = level * np.sign(dq) - model.extra(q, dq)
+    expected = dry + viscous * dq[at] if dq[at] > 0 else -other + slope * dq[at]
+    assert resisting[at] == pytest.approx(expected, abs=1e-4) and not np.delete(resisting, at).any()
 
 
 @given(angles, st.floats(-3, 3), st.floats(-1, 1), st.floats(-1, 1), st.sampled_from([100.0, 160.0]))

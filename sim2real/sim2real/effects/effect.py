@@ -105,6 +105,8 @@ class Effect:
     """From which size on it shows; None: it is not drawn in the blind test."""
     sentence_template: str = ""
     """Half a sentence with the quantities in braces (`sentences`); "": its name and its numbers."""
+    special_cases: tuple[str, ...] = ()
+    """Ids of simpler effects of the same target that it can imitate: they do not contradict it, and are preferred."""
     catalogue_row: Mapping[str, str] | None = None
     """Its row of the catalogue where data/gap_effects.yaml has none."""
 

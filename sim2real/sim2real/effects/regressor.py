@@ -38,6 +38,8 @@ class Parameter:
     """Magnitude up to which it is unit-to-unit variation, and not worth naming."""
     background: float = 0.0
     """Standard deviation of the unit-to-unit variation, which no interval can be narrower than."""
+    is_in_whitening: bool = True
+    """Whether the noise by which residuals are prewhitened is what its column leaves too."""
 
 
 SHARE = Parameter("share", "1", 0.0, 3.0, 1.0)

@@ -75,7 +75,9 @@ def find_generalisations(search: ModelSearch, member: int) -> tuple[str, ...]:
     for other in design.candidates:
         at_place = other.joint == mine.joint and other.effect.component == mine.effect.component
         has_more = len(other.ids) > len(mine.ids) and other.effect.id != mine.effect.id
-        if at_place and has_more and is_in_column_space(design, other, mine):
+        if at_place and mine.effect.id in ARM_EFFECTS[other.effect.id].special_cases:
+            larger[other.effect.id] = False
+        elif at_place and has_more and is_in_column_space(design, other, mine):
             name = other.effect.id
             larger[name] = larger.get(name, False) or _is_another_cause(design, other, mine)
     return tuple(sorted(name for name, is_other in larger.items() if not is_other))

@@ -151,7 +151,11 @@ def make_cell(
     plain = _sums(matrix, residual, kept, np.zeros(0), pieces[:, [0, -1]])[0]
     if whiten is None:
         whiten = _autoregression(
-            matrix, residual, kept, plain.sum(axis=0), np.array([parameters[i].prior for i in ids])
+            matrix,
+            residual,
+            kept,
+            plain.sum(axis=0),
+            np.array([parameters[i].prior * parameters[i].is_in_whitening for i in ids]),
         )
     sums = _sums(matrix, residual, kept, whiten, pieces)
     test = sums.sum(axis=0)

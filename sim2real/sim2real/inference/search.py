@@ -172,7 +172,12 @@ class ModelSearch:
         what goes on elsewhere."""
         groups = self.groups(parent.members)
         gains = screen.likelihood_gains(self.design, [(j, self.ids(j, m), self.group(j, m)[0].fit) for j, m in groups])
-        ranked = [int(n) for n in np.argsort(gains)[::-1]]
+        # Curves are tried in the place of what was found (`use_curves`): they would crowd out the laws that they can imitate.
+        ranked = [
+            int(n)
+            for n in np.argsort(gains)[::-1]
+            if not ARM_EFFECTS[self.design.candidates[n].effect.id].special_cases
+        ]
         found, seen = ranked[:count], set()
         for n in ranked if not parent.members else ():
             if gains[n] + self.log_prior(n) < SEARCH.gain:
@@ -298,6 +303,21 @@ class ModelSearch:
             if equals:
                 return self.prune(max(equals, key=self.value))
         return chosen
+
+    def use_curves(self, chosen: ScoredModel) -> ScoredModel:
+        """The model with a free curve in the place of its special cases, joint by joint, where that predicts clearly better."""
+        candidates, found = self.design.candidates, chosen
+        for number, curve in enumerate(candidates):
+            names = ARM_EFFECTS[curve.effect.id].special_cases
+            if names:
+                others = (
+                    m
+                    for m in found.members
+                    if candidates[m].joint != curve.joint or candidates[m].effect.id not in names
+                )
+                trial = self.model((*others, number))
+                found = trial if self.predicts_better(trial, found) else found
+        return found if found is chosen else self.prune(found)
 
 
 def absorbed_by_nuisance(

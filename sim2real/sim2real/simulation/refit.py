@@ -98,6 +98,8 @@ def refit(
 
     delay: s that the loop has, about. Raises FloatingPointError where the simulation diverges at the start.
     """
+    # The many values of a curve are no better known by short shots: it is simulated as it was found.
+    curves = tuple(_as_found(part) for part in parts if _is_curve(part))
     parts = tuple(part for part in parts if part.is_carried and part.parameters)
     if not parts:
         return None
@@ -116,7 +118,7 @@ def refit(
     start = x.copy()
 
     def patch(values: np.ndarray) -> Patch:
-        return _make_patch(parts, names, values)
+        return Patch((*_make_patch(parts, names, values).effects, *curves))
 
     prior = np.zeros(len(x))
     if not has_delay:
@@ -144,6 +146,15 @@ def refit(
         unit = parts[n].parameters[name].unit
         values[n][name] = Estimate(float(value), float(value - width), float(value + width), unit)
     return Refit(parts, tuple(values), *rms(judged), len(fitted), len(judged_on))
+
+
+def _is_curve(part: RefittedEffect) -> bool:
+    return bool(ARM_EFFECTS[part.effect].special_cases)
+
+
+def _as_found(part: RefittedEffect) -> PatchEffect:
+    values = {name: e.value for name, e in part.parameters.items()}
+    return PatchEffect(part.effect, part.component, {**values, **part.constants})
 
 
 def _make_patch(parts: Sequence[RefittedEffect], names: Sequence[tuple[int, str]], values: np.ndarray) -> Patch:
@@ -182,7 +193,7 @@ def refit_in_simulation(diagnosis: Diagnosis, rivals: Sequence[ScoredModel] = ()
             found.append({"effects": _titles(parts), "error": str(error)})
             continue
         if done is not None:
-            found.append(_refit_row(done, [p for p in parts if not p.is_carried]))
+            found.append(_refit_row(done, [p for p in parts if not p.is_carried and not _is_curve(p)]))
     return {"structures": found} if found else None
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from np_blind.arm.plant.blind_arm import LONGEST_DELAY
-from np_blind.arm.plant.physics import Physics, nominal_physics
+from np_blind.arm.plant.physics import CURVE_SPEEDS, Physics, nominal_physics
 from np_blind.arm.plant.rigid_arm import tcp_in_link7
 from np_blind.arm.sampling.faults import ROTOR_FIXED, soften
 from np_control.impedance import STIFFNESS_MAX
@@ -121,6 +121,9 @@ def _follow_joint(p: Physics, i: int, j: int, effect: str, values: Mapping[str, 
                 getattr(p, array)[i, j] = values[name]
         if effect in ("torque_saturation", "torque_rate_limit"):
             p.with_weight[i, j] = 1.0 - values.get("gravity_apart", 0.0)
+    elif effect == "friction_curve":
+        for way, curve in (("positive", p.curve_forward), ("negative", p.curve_backward)):
+            curve[i, j] += [values[f"{way}_{1e3 * v:.0f}"] for v in CURVE_SPEEDS]
     elif effect == "cable_torque":
         stiffness = values["stiffness"]
         p.cable_stiffness[i, j], p.cable_centre[i, j] = stiffness, NOMINAL.ready[j]

@@ -11,7 +11,7 @@ from dataclasses import fields
 import numpy as np
 
 from np_blind.arm.plant.hysteresis import bouc_wen, lugre, prandtl
-from np_blind.arm.plant.physics import Physics
+from np_blind.arm.plant.physics import CURVE_SPEEDS, Physics
 from np_blind.arm.plant.rigid_arm import PANDA, HingedArm, RigidArms
 from np_blind.arm.plant.unknown_fault_physics import UnknownFaultPhysics, eccentric_encoder_error, encoder_slip
 
@@ -19,6 +19,7 @@ PERIOD = 0.002  # s, of control
 SUBSTEPS = 4
 STEP = PERIOD / SUBSTEPS
 LONGEST_DELAY = 0.02  # s
+LEAST_FRICTION = 0.01  # Nm, however little a patch asks for
 HOLDS = 0.004  # rad/s, up to which friction is that of standstill
 
 
@@ -171,6 +172,11 @@ class BatchedArms:
         if "fall_forward" in used:
             left = 1.0 / (1.0 + (np.abs(speed) / p.fall_speed) ** p.fall_steepness)
             forward, backward = forward + p.fall_forward * left, backward + p.fall_backward * left
+        if "curve_forward" in used or "curve_backward" in used:
+            forward, backward = (
+                np.maximum(level + _interpolate(curve, np.abs(speed)), LEAST_FRICTION)
+                for level, curve in ((forward, p.curve_forward), (backward, p.curve_backward))
+            )
         self._bend, friction = prandtl(self._bend, speed, forward, backward, self._stiff, STEP)
         friction = friction + np.where(speed > 0, p.viscous_forward, p.viscous_backward) * speed
         if "thermal_drop" in used:
@@ -223,6 +229,14 @@ class BatchedArms:
         if "cable_stiffness" in self._used:
             torque = torque + p.cable_stiffness * (self.q - p.cable_centre)
         return torque
+
+
+def _interpolate(curve: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """Values (B, 7) of curves (B, 7, k) at speeds (B, 7) rad/s: level below the first of CURVE_SPEEDS, straight on above the last."""
+    below = np.clip(np.searchsorted(CURVE_SPEEDS, speed) - 1, 0, len(CURVE_SPEEDS) - 2)
+    share = np.maximum((speed - CURVE_SPEEDS[below]) / np.diff(CURVE_SPEEDS)[below], 0.0)
+    low, high = (np.take_along_axis(curve, (below + k)[..., None], 2)[..., 0] for k in (0, 1))
+    return low + share * (high - low)
 
 
 def _times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:

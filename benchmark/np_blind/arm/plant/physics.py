@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 
 import numpy as np
+from sim2real.effects.joint_dynamics.friction_curve import SPEEDS
 
 from np_blind.arm.plant.rigid_arm import JOINTS, Inertials, nominal_inertials
 from np_description.panda import NOMINAL
 
+CURVE_SPEEDS = np.array(SPEEDS)  # rad/s, of a patch's friction curve
 NEVER = 1e9  # a limit that is never reached
 
 
@@ -22,7 +24,7 @@ class Physics:
     """What B arms are like; every array begins with the arm, most go on with the joint. SI units.
 
     Friction: coulomb_*, viscous_* by direction of motion, nominal included; stribeck_level at standstill
-    falls with exp(-(v / stribeck_speed)^2); fall_* Nm at standstill falls with 1 / (1 + (v / fall_speed)^fall_steepness); load_coefficient times the torque through the gear; lugre_*: an
+    falls with exp(-(v / stribeck_speed)^2); fall_* Nm at standstill falls with 1 / (1 + (v / fall_speed)^fall_steepness); curve_* Nm at CURVE_SPEEDS, of patches; load_coefficient times the torque through the gear; lugre_*: an
     element beside; breakaway rad: how far a joint yields before it slides. thermal_drop: share of friction
     lost, with time constant thermal_time s; uneven: share of Coulomb friction that comes and goes uneven_order times in a
     turn; holding: share of it that is there on top at standstill. Links: inertials, and those whose weight is compensated,
@@ -47,6 +49,8 @@ class Physics:
     fall_backward: np.ndarray = _per((JOINTS,))
     fall_speed: np.ndarray = _per((JOINTS,), 0.1)
     fall_steepness: np.ndarray = _per((JOINTS,), 3.0)
+    curve_forward: np.ndarray = _per((JOINTS, len(CURVE_SPEEDS)))
+    curve_backward: np.ndarray = _per((JOINTS, len(CURVE_SPEEDS)))
     load_coefficient: np.ndarray = _per((JOINTS,))
     lugre_level: np.ndarray = _per((JOINTS,))
     lugre_stroke: np.ndarray = _per((JOINTS,), 0.01)
