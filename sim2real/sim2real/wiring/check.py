@@ -98,8 +98,8 @@ def check_wiring(path: str | Path, arm: Arm, log: Log | None = None) -> WiringFa
 
 def find_wiring_fault(log: Log, arm: Arm) -> WiringFault | None:
     """Of joints alone."""
-    relations = JointRelations(arm, log.with_gravity)
-    return find_joint_fault(joint_signals(log), relations, arm.joints) or find_delay_fault(log, arm)
+    fault = find_delay_fault(log, arm)  # exact, where another sample is right
+    return fault or find_joint_fault(joint_signals(log), JointRelations(arm, log.with_gravity), arm.joints)
 
 
 def find_stream_fault(recording: WiringRecording, log: Log) -> WiringFault | None:
