@@ -61,6 +61,12 @@ class AcquisitionTimes:
         parts = np.split(places, ends[:-1])
         return {key: zip(own.tolist(), stamps[key].tolist()) for key, own in zip(stamps, parts)}
 
+    def stored(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """(header stamps, times of arrival) (n,) ns of a topic's messages as they are stored; stamps are 0 where messages have none."""
+        self._look_at([name])
+        parts = self._parts[name].values()
+        return np.concatenate([part.header for part in parts]), np.concatenate([part.log for part in parts])
+
     def _stamps(self, name: str) -> dict[Place, np.ndarray]:
         """Time (n,) ns of the messages of a topic by connection. Raises BagError where they have none."""
         self._look_at([name])

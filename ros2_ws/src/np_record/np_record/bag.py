@@ -153,9 +153,7 @@ class Recording:
 
     def times(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """(header stamps, times of arrival) (n,) ns of a topic's messages as they are stored; stamps are 0 where messages have none."""
-        self._look_at([name])
-        parts = self._parts[name].values()
-        return np.concatenate([part.header for part in parts]), np.concatenate([part.log for part in parts])
+        return self._times.stored(name)
 
     def digest(self) -> str:
         """SHA-256 (hex) over (topic, time, bytes) of every message that a lockstep run must reproduce."""
