@@ -10,9 +10,8 @@ import mujoco
 import numpy as np
 
 from np_description.domains import CARD
-from np_description.panda import NOMINAL, TCP_FRAME
+from np_description.panda import NOMINAL, PANDA, TCP_FRAME
 from np_description.scene import load_model
-from sim2real.effects.patch import PANDA
 
 UNLIMITED_TORQUE = 100.0  # Nm, the scale of a joint whose model states no limit
 UNLIMITED_SPEED = 10.0  # rad/s, likewise

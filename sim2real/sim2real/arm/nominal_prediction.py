@@ -17,7 +17,8 @@ from np_control.safety import LIMITS, limit_torque
 from sim2real.arm import rigid_body as rigid
 from sim2real.arm.link_errors import link_error_torques
 from sim2real.arm.model import Arm
-from sim2real.effects.evidence import Drive, Prediction
+from sim2real.arm.prediction import Prediction
+from sim2real.effects.evidence import Drive
 from sim2real.effects.recurrences import smooth_sign
 from sim2real.effects.timing.command_delay import USUAL, delay_commands
 from sim2real.recordings.signals import Log, Samples

@@ -6,7 +6,7 @@ import numpy as np
 
 from sim2real.arm import rigid_body as rigid
 from sim2real.arm.model import Arm
-from sim2real.effects.evidence import Prediction
+from sim2real.arm.prediction import Prediction
 from sim2real.recordings.signals import Samples
 
 

@@ -14,12 +14,11 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from np_description.panda import NOMINAL, PandaModel
+from np_description.panda import NOMINAL, PANDA, PandaModel
 from np_description.scene_change import SceneChange
 from sim2real.effects.effect import ARM, ARM_TARGETS, Effect, EffectTarget
 from sim2real.effects.registry import ARM_EFFECTS, CAMERA_EFFECTS, EFFECTS, SCENE_EFFECTS
 
-PANDA = "panda"  # the arm that is simulated here
 LEAST_ARMATURE = 1e-3  # kg m^2, below which a simulator's steps would have to be shorter
 
 

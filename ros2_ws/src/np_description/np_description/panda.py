@@ -110,6 +110,7 @@ def load_panda(text: str) -> PandaModel:
 NOMINAL = load_panda((files("np_description") / "data" / "panda_nominal.yaml").read_text())
 JOINT_NAMES = NOMINAL.joints
 STATE_NAMES = NOMINAL.joints + NOMINAL.fingers
+PANDA = "panda"  # name of the arm, which effects and reports state
 BASE_FRAME = "panda_link0"
 TCP_FRAME = "panda_tcp"
 FINGER_MAX = 0.04  # m, opening of one finger (datasheet: 80 mm between both)
