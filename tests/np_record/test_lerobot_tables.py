@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from np_record.lerobot.checking import check_tables
-from np_record.lerobot.layout import DataSetError
+from np_record.lerobot.layout import Clip, DataSetEpisode, DataSetError
 from np_record.lerobot.pictures import read_pictures
-from np_record.lerobot.reading import Clip, DataSetEpisode
 from np_record.report.video import encode
 
 RATE, LENGTHS = 10, (4, 3)

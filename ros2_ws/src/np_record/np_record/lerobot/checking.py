@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from np_record.lerobot.layout import DataSetError
-
-if TYPE_CHECKING:  # which imports this module
-    from np_record.lerobot.reading import DataSetEpisode
+from np_record.lerobot.layout import DataSetEpisode, DataSetError
 
 
 def check_tables(

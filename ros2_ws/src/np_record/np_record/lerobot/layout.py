@@ -6,6 +6,10 @@ meta/episodes which rows of which table, and which seconds of which video, are w
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
 VERSION = "v3.0"
 INFO, STATS, TASKS = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
 EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -27,6 +31,37 @@ DONE, SUCCESS = "next.done", "next.success"
 
 class DataSetError(ValueError):
     """A data set that cannot be written or read; the text says what was expected and what came."""
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Part of a video."""
+
+    path: Path
+    """The video."""
+    begin: float
+    """s from its start."""
+    end: float
+    """s, likewise."""
+
+
+@dataclass(frozen=True)
+class DataSetEpisode:
+    """One episode of a data set."""
+
+    tasks: tuple[str, ...]
+    """What was to be done."""
+    begin: int
+    """Its first row in the columns."""
+    end: int
+    """The row after its last."""
+    clips: Mapping[str, Clip]
+    """Where its pictures are, by feature."""
+
+    @property
+    def rows(self) -> slice:
+        """Its part of a column."""
+        return slice(self.begin, self.end)
 
 
 def parquet():

@@ -11,39 +11,8 @@ import numpy as np
 
 from np_record.lerobot import layout
 from np_record.lerobot.checking import check_tables
-from np_record.lerobot.layout import DataSetError, parquet
+from np_record.lerobot.layout import Clip, DataSetEpisode, DataSetError, parquet
 from np_record.lerobot.pictures import read_pictures
-
-
-@dataclass(frozen=True)
-class Clip:
-    """Part of a video."""
-
-    path: Path
-    """The video."""
-    begin: float
-    """s from its start."""
-    end: float
-    """s, likewise."""
-
-
-@dataclass(frozen=True)
-class DataSetEpisode:
-    """One episode of a data set."""
-
-    tasks: tuple[str, ...]
-    """What was to be done."""
-    begin: int
-    """Its first row in the columns."""
-    end: int
-    """The row after its last."""
-    clips: Mapping[str, Clip]
-    """Where its pictures are, by feature."""
-
-    @property
-    def rows(self) -> slice:
-        """Its part of a column."""
-        return slice(self.begin, self.end)
 
 
 @dataclass(frozen=True, eq=False)
