@@ -6,7 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from pages import driver, effects, evaluations, objects, parameters, report_schema
+from pages import driver, effects, evaluations, objects, parameters, report_schema, setup_drawing
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -14,6 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 def generate(root: Path = ROOT) -> dict[str, str]:
     """Text of every generated page by its path below docs."""
     return {
+        "guide/images/setup.svg": setup_drawing.drawing(),
         "reference/effects.md": effects.page(),
         "reference/objects.md": objects.page(),
         "reference/parameters.md": parameters.page(root),
