@@ -13,6 +13,7 @@ BROUGHT_ALONG = (
     "np_description",
     "np_description.contact",
     "np_description.objects",
+    "np_description.weights",
     "np_perception",
     "np_record",
 )

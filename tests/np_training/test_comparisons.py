@@ -82,6 +82,7 @@ def test_progress_names_what_is_going_on(domain, capsys):
         "steps": 2_000_000,
         "steps_per_second": 250_000.0,
         "stage": STAGES + 1,
+        "randomisation": 0.1,
         "success": 0.5,
         "practice": 0.2,
         "success_roll": 0.9,
@@ -99,7 +100,7 @@ def test_progress_names_what_is_going_on(domain, capsys):
     for part in (
         "2.0 M steps",
         "250.0 k/s",
-        "randomised",
+        "randomised 10%",
         "success 0.500",
         "practice 0.20: roll 0.90",
         "1.5 min left",

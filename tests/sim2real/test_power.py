@@ -151,7 +151,10 @@ def test_an_offset_may_be_friction_with_equal_and_opposite_levels(uneven):
     offset, friction = number["torque_offset[unseen by the sensor]", 0], number["asymmetric_coulomb_friction", 0]
     assert is_in_column_space(search.design, *(search.design.candidates[n] for n in (friction, offset)))
     assert find_generalisations(search, offset) == ("cable_torque",)  # whose stiffness has to be nothing for this
-    assert find_generalisations(search, number["coulomb_friction", 0]) == ("asymmetric_coulomb_friction",)
+    assert find_generalisations(search, number["coulomb_friction", 0]) == (
+        "asymmetric_coulomb_friction",
+        "friction_curve",
+    )
 
 
 def test_an_offset_is_named_with_the_friction_that_it_may_be():
