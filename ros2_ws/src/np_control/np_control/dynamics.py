@@ -38,7 +38,8 @@ def build_model(panda: PandaModel = NOMINAL, finger_opening: float = 0.0) -> pin
         placement = hand * _placement(panda.frames[finger]) * slide
         model.appendBodyToJoint(parent, _inertia(panda.inertials["finger"]), placement)
     placement = hand * _placement(panda.frames["hand_tcp"])
-    model.addFrame(pin.Frame(TCP_FRAME, parent, 0, placement, pin.FrameType.OP_FRAME))
+    # Without its inertia of nothing, which would still change the last bit of the last link's centre of mass.
+    model.addFrame(pin.Frame(TCP_FRAME, parent, 0, placement, pin.FrameType.OP_FRAME), False)
     model.armature = panda.armature.copy()
     return model
 
