@@ -121,7 +121,10 @@ def test_an_interval_holds_what_a_rival_structure_says(stuck):
 def test_what_contains_an_effect_is_known_by_its_columns(stuck):
     """Levels for either direction contain one level for both; a slope does not."""
     search = stuck.search
-    assert find_generalisations(search, number(search, "coulomb_friction")) == ("asymmetric_coulomb_friction",)
+    assert find_generalisations(search, number(search, "coulomb_friction")) == (
+        "asymmetric_coulomb_friction",
+        "friction_curve",
+    )
     assert find_generalisations(search, number(search, "viscous_friction")) == ("asymmetric_viscous_friction",)
     assert find_generalisations(search, number(search, "asymmetric_coulomb_friction")) == ()
 
