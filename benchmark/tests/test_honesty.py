@@ -119,14 +119,17 @@ def test_an_interval_holds_what_a_rival_structure_says(stuck):
 
 
 def test_what_contains_an_effect_is_known_by_its_columns(stuck):
-    """Levels for either direction contain one level for both; a slope does not."""
+    """Levels for either direction contain one level for both, a slope does not; a free curve contains each."""
     search = stuck.search
     assert find_generalisations(search, number(search, "coulomb_friction")) == (
         "asymmetric_coulomb_friction",
         "friction_curve",
     )
-    assert find_generalisations(search, number(search, "viscous_friction")) == ("asymmetric_viscous_friction",)
-    assert find_generalisations(search, number(search, "asymmetric_coulomb_friction")) == ()
+    assert find_generalisations(search, number(search, "viscous_friction")) == (
+        "asymmetric_viscous_friction",
+        "friction_curve",
+    )
+    assert find_generalisations(search, number(search, "asymmetric_coulomb_friction")) == ("friction_curve",)
 
 
 def test_a_patch_that_makes_the_closed_loop_worse_loses_what_does_so(stuck):
