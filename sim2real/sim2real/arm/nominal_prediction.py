@@ -162,7 +162,7 @@ def _replay_law(log: Log, arm: Arm, selected: np.ndarray) -> tuple[np.ndarray, n
     rate = np.gradient(c.target_velocity, log.time[c.rows], axis=0)[selected]
     if not c.feedforward:
         rate = np.zeros_like(rate)
-    feed = rigid.inverse_dynamics(arm, q, dq, rate, np.zeros(3)) + arm.armature * rate
+    feed = rigid.feedforward_torque(arm, q, dq, rate)
     kp, kd = c.stiffness[selected], c.damping[selected]
     lead = c.target[selected] + kd / kp * c.target_velocity[selected]
     return impedance_torque(q, dq, lead, kp, kd / np.sqrt(kp), feed), lead - q

@@ -91,6 +91,11 @@ def inverse_dynamics(arm: Arm, q, dq=None, ddq=None, gravity=None) -> np.ndarray
     return np.ascontiguousarray((motion.axis * about).sum(axis=1).T)
 
 
+def feedforward_torque(arm: Arm, q, dq, ddq) -> np.ndarray:
+    """Joint torque (n, k) Nm that the acceleration ddq takes, rotors included, without gravity: what the controller feeds forward."""
+    return inverse_dynamics(arm, q, dq, ddq, np.zeros(3)) + arm.armature * ddq
+
+
 def links_moved_by(arm: Arm, joint: int) -> list[int]:
     """Links that a joint turns."""
     found = []

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim2real.checks.shrinkage import rms_by_joint
+from sim2real.inference.bootstrap import draw_counts
 from sim2real.inference.fit import fit_parameters, parameter_indices
 from sim2real.inference.residual_cells import ResidualCell
 from sim2real.inference.search import ModelSearch, ScoredModel
@@ -84,20 +85,19 @@ def keep_what_helps(search: ModelSearch, chosen: ScoredModel, seed: int) -> tupl
         return chosen, None
     trials: dict[int, EffectTrial] = {}
     while True:
-        trials |= {m: try_effect(search, chosen, m, seed) for m in chosen.members}
+        fitted = _fitted_values(search, chosen.members)
+        trials |= {m: _try_effect(search, chosen, fitted, m, seed) for m in chosen.members}
         useless = [m for m in chosen.members if not trials[m].helps]
         if not useless:
-            return chosen, _measure(search, chosen, trials, seed)
+            return chosen, _measure(search, fitted, trials, seed)
         worst = min(useless, key=lambda m: trials[m].reduction)
         chosen = search.model(tuple(m for m in chosen.members if m != worst))
 
 
-def try_effect(search: ModelSearch, chosen: ScoredModel, member: int, seed: int) -> EffectTrial:
-    """The model with one of its effects and without it, on held-out motion; both are fitted to the rest of the motion."""
+def _try_effect(search: ModelSearch, chosen: ScoredModel, full: np.ndarray, member: int, seed: int) -> EffectTrial:
+    """The model, whose fitted values are `full` (p,), and the same fitted without one of its effects, on held-out motion."""
     ids = search.design.candidates[member].ids
-    full, less = (
-        _fitted_values(search, members) for members in (chosen.members, tuple(m for m in chosen.members if m != member))
-    )
+    less = _fitted_values(search, tuple(m for m in chosen.members if m != member))
     count = len(search.design.context.laid_aside)
     before, after, shown = np.zeros(count), np.zeros(count), np.zeros(2)
     for cell in search.design.cells:
@@ -111,34 +111,29 @@ def try_effect(search: ModelSearch, chosen: ScoredModel, member: int, seed: int)
         shown += [np.square(own[rows]).sum() / variance for rows in (held, cell.rows)]
         before += np.bincount(window, np.square(without[held]) / variance, count)
         after += np.bincount(window, np.square(with_it[held]) / variance, count)
-    drawn = _draws(count, seed)
+    drawn = draw_counts(count, HELD_OUT.bootstraps, seed)
     shares = 1 - (drawn @ after) / np.maximum(drawn @ before, 1e-24)
     low, high = np.quantile(shares, (0.025, 0.975))
     reduction = float(1 - after.sum() / max(before.sum(), 1e-24))
     return EffectTrial(reduction, (float(low), float(high)), bool(shown[0] > HELD_OUT.shown * shown[1]))
 
 
-def _measure(search: ModelSearch, chosen: ScoredModel, trials: dict[int, EffectTrial], seed: int) -> HeldOut:
+def _measure(search: ModelSearch, fitted: np.ndarray, trials: dict[int, EffectTrial], seed: int) -> HeldOut:
     cells, joints = search.design.cells, len(search.design.context.arm)
     count = len(search.design.context.laid_aside)
     before, after, rows = (np.zeros((len(cells), count)) for _ in range(3))
-    for table, values in ((before, _fitted_values(search, ())), (after, _fitted_values(search, chosen.members))):
+    for table, values in ((before, _fitted_values(search, ())), (after, fitted)):
         for n, cell in enumerate(cells):
             held, window = _held_out_rows(search, cell)
             table[n] = np.bincount(window, np.square(_residual(cell, values)[held]), count)
             rows[n] = np.bincount(window, minlength=count)
     every = np.ones((1, count))
     old, new = (rms_by_joint(cells, squares, rows, every, joints)[0] for squares in (before, after))
-    drawn = _draws(count, seed)
+    drawn = draw_counts(count, HELD_OUT.bootstraps, seed)
     olds, news = (rms_by_joint(cells, squares, rows, drawn, joints).mean(axis=1) for squares in (before, after))
     low, high = np.quantile(1 - news / np.maximum(olds, 1e-12), (0.025, 0.975))
     reduction = float(1 - new.mean() / max(old.mean(), 1e-12))
     return HeldOut(float(old.mean()), float(new.mean()), reduction, (float(low), float(high)), old, new, count, trials)
-
-
-def _draws(count: int, seed: int) -> np.ndarray:
-    """How often each of `count` windows is in each draw of the bootstrap (draws, count)."""
-    return np.random.default_rng(seed).multinomial(count, np.full(count, 1 / count), HELD_OUT.bootstraps)
 
 
 def _held_out_rows(search: ModelSearch, cell: ResidualCell) -> tuple[np.ndarray, np.ndarray]:

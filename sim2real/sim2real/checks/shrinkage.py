@@ -8,6 +8,7 @@ import numpy as np
 
 from sim2real.checks.repeatability import measure_repeatability, white_noise
 from sim2real.effects.stage import Stage
+from sim2real.inference.bootstrap import draw_counts
 from sim2real.inference.fit import predict_held_out_residual
 from sim2real.inference.search import ModelSearch, ScoredModel, fits_by_joint
 from sim2real.thresholds import THRESHOLDS
@@ -83,10 +84,7 @@ def measure_gap(search: ModelSearch, chosen: ScoredModel, seed: int) -> Gap:
         raise ValueError(f"expected a joint that moves in {SHRINKAGE.blocks} blocks of the recording, got none")
     every = np.ones((1, len(design.blocks)))
     old, new = (rms_by_joint(cells, part, rows, every, joints)[0] for part in (before_block, after_block))
-    rng = np.random.default_rng(seed)
-    weights = rng.multinomial(
-        len(design.blocks), np.full(len(design.blocks), 1 / len(design.blocks)), SHRINKAGE.bootstraps
-    )
+    weights = draw_counts(len(design.blocks), SHRINKAGE.bootstraps, seed)
     olds, news = (rms_by_joint(cells, part, rows, weights, joints) for part in (before_block, after_block))
     shrink = 1 - new[moved].mean() / max(old[moved].mean(), 1e-12)
     draws = 1 - news[:, moved].mean(axis=1) / np.maximum(olds[:, moved].mean(axis=1), 1e-12)

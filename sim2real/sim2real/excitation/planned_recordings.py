@@ -119,7 +119,7 @@ def _rigid_body_torque(arm: Arm, segment: Segment, time: np.ndarray) -> np.ndarr
     """Torque (n, 7) Nm of the motion without gravity and friction: of every few rows, and smooth in between."""
     coarse = np.linspace(0.0, time[-1], 2 + len(time) // COARSE)
     q, dq, rate = _follow_segment(segment, coarse)
-    return CubicSpline(coarse, rigid.inverse_dynamics(arm, q, dq, rate, np.zeros(3)) + arm.armature * rate)(time)
+    return CubicSpline(coarse, rigid.feedforward_torque(arm, q, dq, rate))(time)
 
 
 def _rebuild_effect(context: Context, effect: EffectRegressor) -> EffectRegressor:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim2real.effects.regressor import EffectRegressor
+from sim2real.inference.bootstrap import draw_counts
 from sim2real.inference.fit import fit_parameters, parameter_indices
 from sim2real.inference.model_averaging import between_model_deviations
 from sim2real.inference.regression import Candidate, RegressionProblem
@@ -108,9 +109,7 @@ def _interval(
     cells: list[ResidualCell], ids: np.ndarray, design: RegressionProblem, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """(values (p,), half widths (p,)): from all blocks; the wider of posterior and bootstrap of blocks."""
-    blocks = len(design.blocks)
-    rng = np.random.default_rng(seed)
-    weights = rng.multinomial(blocks, np.full(blocks, 1 / blocks), BOOTSTRAPS).astype(float)
+    weights = draw_counts(len(design.blocks), BOOTSTRAPS, seed).astype(float)
     whole = _whole(cells, ids, design)
     drawn = fit_parameters(
         cells,

@@ -15,6 +15,7 @@ import numpy as np
 from np_description.panda import NOMINAL
 from sim2real.diagnosis import Diagnosis
 from sim2real.effects.patch import Patch, PatchEffect
+from sim2real.inference.bootstrap import draw_counts
 from sim2real.thresholds import THRESHOLDS
 
 if TYPE_CHECKING:
@@ -93,9 +94,7 @@ def try_patch(diagnosis: Diagnosis, seed: int = 0) -> tuple[Patch, PatchTrial | 
     recorded = cut_windows(context.logs, spans=context.laid_aside) if context.arm.joints == NOMINAL.joints else None
     if recorded is None:
         return patch, None
-    drawn = np.random.default_rng(seed).multinomial(
-        len(recorded), np.full(len(recorded), 1 / len(recorded)), THRESHOLDS.held_out.bootstraps
-    )
+    drawn = draw_counts(len(recorded), THRESHOLDS.held_out.bootstraps, seed)
     while True:
         fewer = [Patch(tuple(e for e in patch.effects if e is not one)) for one in patch.effects]
         nominal, whole, *without = _squares(recorded, [Patch(), patch, *fewer])

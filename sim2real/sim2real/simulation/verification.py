@@ -10,6 +10,7 @@ import numpy as np
 
 from np_description.panda import JOINT_NAMES
 from sim2real.effects.patch import Patch
+from sim2real.inference.bootstrap import draw_counts
 from sim2real.recordings.signals import Log
 from sim2real.simulation.multiple_shooting import cut_windows, rms, simulate_departures
 from sim2real.thresholds import THRESHOLDS
@@ -29,8 +30,7 @@ def verify_patch(logs: Sequence[Log], patch: Patch, seed: int = 0) -> dict[str, 
         raise ValueError("a patch is verified in the closed loop: expected effort_command in a recording, found none")
     old, new = simulate_departures(recorded, [Patch(), patch])
     squares = np.array([np.square(errors).mean(axis=(1, 2)) for errors in (old, new)])  # of each window
-    rng = np.random.default_rng(seed)
-    draws = rng.multinomial(len(recorded), np.full(len(recorded), 1 / len(recorded)), DRAWS)
+    draws = draw_counts(len(recorded), DRAWS, seed)
     before, after = np.sqrt(squares.mean(axis=1))
     low, high = np.quantile(1 - np.sqrt((draws @ squares[1]) / np.maximum(draws @ squares[0], 1e-24)), (0.025, 0.975))
     by_joint = zip(JOINT_NAMES, rms(old), rms(new))

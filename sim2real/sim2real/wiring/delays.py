@@ -13,10 +13,11 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import nnls
 
 from sim2real.arm.model import Arm
-from sim2real.arm.rigid_body import inverse_dynamics
+from sim2real.arm.rigid_body import feedforward_torque, inverse_dynamics
 from sim2real.recordings.signals import Log
 from sim2real.thresholds import THRESHOLDS
 from sim2real.wiring.fault import WiringFault
+from sim2real.wiring.joint_relations import feedback_torque
 
 WIRING = THRESHOLDS.wiring
 ROWS, PHASES = 4000, 2000  # of a recording that are compared
@@ -43,11 +44,13 @@ def _law_errors(log: Log, arm: Arm) -> Iterator[tuple[tuple[str, int], float]]:
     rows = np.arange(2, count - 2, -(-count // ROWS))
     position, velocity = log.position[c.rows], log.velocity[c.rows]
     acceleration = np.gradient(c.target_velocity, log.time[c.rows], axis=0)[rows]
-    fed = inverse_dynamics(arm, position[rows], velocity[rows], acceleration, np.zeros(3)) + arm.armature * acceleration
+    fed = feedforward_torque(arm, position[rows], velocity[rows], acceleration)
 
     def error(late_position: int, late_velocity: int, late_command: int) -> float:
-        force = c.stiffness[rows] * (c.target[rows] - position[rows + late_position])
-        force = force + c.damping[rows] * (c.target_velocity[rows] - velocity[rows + late_velocity]) + fed
+        state = position[rows + late_position], velocity[rows + late_velocity]
+        force = (
+            feedback_torque(*state, c.target[rows], c.target_velocity[rows], c.stiffness[rows], c.damping[rows]) + fed
+        )
         return float(np.mean(np.median(np.abs(force - c.torque[rows + late_command]), axis=0) / arm.torque_limit))
 
     yield ("", 0), error(0, 0, 0)

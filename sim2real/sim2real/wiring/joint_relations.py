@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from sim2real.arm.model import Arm
-from sim2real.arm.rigid_body import inverse_dynamics
+from sim2real.arm.rigid_body import feedforward_torque, inverse_dynamics
 from sim2real.thresholds import THRESHOLDS
 from sim2real.wiring.joint_signals import JointSignals
 
@@ -53,7 +53,7 @@ class JointRelations:
             found["drive"] = once(_difference, s.effort, s.command, self._floor)
         if s.stiffness is not None:
             fed = once(self._feedforward, s.position, s.velocity, s.target_acceleration)
-            law = once(_law, s.position, s.velocity, s.target, s.target_velocity, s.stiffness, s.damping)
+            law = once(feedback_torque, s.position, s.velocity, s.target, s.target_velocity, s.stiffness, s.damping)
             found["law"] = once(_difference, law, once(np.subtract, s.command, fed), self._floor)
         return found
 
@@ -71,9 +71,7 @@ class JointRelations:
         return inverse_dynamics(self._load, position)
 
     def _feedforward(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-        """Inertial torque Nm of the target's acceleration, rotors included."""
-        rigid = inverse_dynamics(self._arm, position, velocity, acceleration, np.zeros(3))
-        return rigid + self._arm.armature * acceleration
+        return feedforward_torque(self._arm, position, velocity, acceleration)
 
     def _beyond_limits(self, position: np.ndarray) -> np.ndarray:
         """Share (k,) of moments beyond a joint's limits; of a joint without, beyond some turns."""
@@ -95,7 +93,8 @@ class JointRelations:
         return found
 
 
-def _law(position, velocity, target, target_velocity, stiffness, damping) -> np.ndarray:
+def feedback_torque(position, velocity, target, target_velocity, stiffness, damping) -> np.ndarray:
+    """Torque (n, k) Nm of the controller's law without its feedforward; damping (n, k) Nm s/rad, not the ratio."""
     return stiffness * (target - position) + damping * (target_velocity - velocity)
 
 
