@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, CARD, WALL, Task
 
@@ -11,7 +13,6 @@ LEFT, TOP, SIDE = (
     260.0,
     830.0,
 )  # drawing units: base in the top view, and the height of the table in the side view
-LOOK = (0.5, 0.0)  # m, where the camera's axis meets the table (docs/guide/hardware.md)
 COLOURS = {CARD.name: "#4878a8", BUMP.name: "#b86a2c", WALL.name: "#4a8a4a"}
 
 
@@ -80,6 +81,8 @@ def drawing() -> str:
     """The text of the SVG; lengths in it are millimetres."""
     unit = 1e3 * SCALE
     camera_x, _, camera_z = CAMERA.position
+    ahead_x, _, ahead_z = np.asarray(CAMERA.rotation)[:, 2]
+    look = round(camera_x - camera_z * ahead_x / ahead_z, 6)  # x at which the optical axis meets the table
     x, height = LEFT + camera_x * unit, SIDE - camera_z * unit
     tasks = (CARD, BUMP, WALL)
     parts = [
@@ -101,10 +104,10 @@ def drawing() -> str:
         _text(LEFT, SIDE - 30, "base"),
         *(part for task in tasks for part in _from_the_side(task)),
         _rectangle(x - 10, height - 10, 28, 20, 'fill="#555"'),
-        f'<line x1="{x:g}" y1="{height:g}" x2="{LEFT + LOOK[0] * unit:g}" y2="{SIDE:g}" stroke-dasharray="3 3"/>',
+        f'<line x1="{x:g}" y1="{height:g}" x2="{LEFT + look * unit:g}" y2="{SIDE:g}" stroke-dasharray="3 3"/>',
         f'<line x1="{x + 40:g}" y1="{height:g}" x2="{x + 40:g}" y2="{SIDE:g}"/>',
         _text(x + 46, (height + SIDE) / 2, _mm(camera_z), "start"),
-        *_dimension(LEFT, LEFT + LOOK[0] * unit, SIDE + 30, _mm(LOOK[0])),
+        *_dimension(LEFT, LEFT + look * unit, SIDE + 30, _mm(look)),
         *_legend(),
     ]
     body = "\n".join(parts)

@@ -45,7 +45,9 @@ def read_joint_rows(messages: Sequence[bytes], names: Sequence[str]) -> np.ndarr
 
 def has_joint(messages: TopicMessages | None, names: Sequence[str]) -> bool:
     """Whether one of these messages names one of these joints."""
-    return bool(messages) and any(set(names) & set(named) for _, named, _ in _alike(messages.topic.name, messages))
+    return bool(messages) and any(
+        set(names) & set(named) for _, named, _ in _group_by_layout(messages.topic.name, messages)
+    )
 
 
 def read_joint_positions(messages: TopicMessages, name: str) -> np.ndarray:
@@ -53,7 +55,7 @@ def read_joint_positions(messages: TopicMessages, name: str) -> np.ndarray:
     topic = messages.topic.name
     found = [
         numbers[0][:, named.index(name)]
-        for _, named, numbers in _alike(topic, messages)
+        for _, named, numbers in _group_by_layout(topic, messages)
         if name in named and numbers[0].shape[1] == len(named)
     ]
     values = np.concatenate(found) if found else np.zeros(0)
@@ -83,7 +85,7 @@ def _read(topic: str, messages: TopicMessages | None, names: Sequence[str]) -> t
         return np.zeros(0, np.int64), np.zeros((0, 3, len(names)))
     values, is_read = np.empty((len(messages), 3, len(names))), np.zeros(len(messages), bool)
     seen: dict[str, None] = {}
-    for rows, named, numbers in _alike(topic, messages):
+    for rows, named, numbers in _group_by_layout(topic, messages):
         seen |= dict.fromkeys(named)
         missing = [name for name in names if named.count(name) != 1]
         if not set(names).intersection(named):
@@ -102,7 +104,7 @@ def _read(topic: str, messages: TopicMessages | None, names: Sequence[str]) -> t
     return messages.stamp[is_read], values[is_read]
 
 
-def _alike(topic: str, messages: TopicMessages) -> Iterator[tuple[np.ndarray, list[str], list[np.ndarray]]]:
+def _group_by_layout(topic: str, messages: TopicMessages) -> Iterator[tuple[np.ndarray, list[str], list[np.ndarray]]]:
     """Messages of the same layout together: (their rows (m,), the names, [position, velocity, effort] (m, length of each))."""
     sizes = np.fromiter(map(len, messages.data), int, len(messages))
     left, kinds = np.arange(len(messages)), 0
