@@ -200,25 +200,10 @@ def test_a_student_of_another_task_is_not_released(folder, tmp_path):
 
 
 def test_what_the_nodes_cannot_deploy_is_not_released():
-    with pytest.raises(ValueError, match="expected a run in hard contacts.* got soft"):
-        check_releasable({"domain": "bump"}, [EVALUATION])
+    with pytest.raises(ValueError, match="expected evaluations in hard contacts.* got steady"):
+        check_releasable({"domain": "bump", "contact": "steady"}, [EVALUATION])
+    check_releasable({"domain": "bump", "contact": "steady"}, [EVALUATION, EVALUATION | {"contact": "hard"}])
     with pytest.raises(ValueError, match="expected evaluation.jsonl"):
         check_releasable({"domain": "bump", "contact": "hard"}, [])
     with pytest.raises(ValueError, match="expected evaluations of wall, got some of bump"):
         check_releasable({"domain": "wall", "contact": "hard"}, [EVALUATION])
-
-
-def test_evaluations_of_the_first_version_still_make_a_table():
-    old = {
-        "conditions": "nominal",
-        "student": True,
-        "success": 0.995,
-        "ci95": [0.988, 0.998],
-        "episodes": 1000,
-        "infeasible": 0,
-        "lost": 0,
-        "timeout": 5,
-    }
-    assert (
-        figure_table([old]).splitlines()[-1] == "| nominal | student | 0.995 | 0.988 to 0.998 | 1000 | 0 | 0 | - | 5 |"
-    )

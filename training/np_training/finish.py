@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from np_description.domains import find_domain
 from np_training.recipe import Recipe, read_recipe
 from np_training.train_options import CHECKPOINT
 
@@ -28,9 +29,15 @@ def steps_after(path: Path, recipe: Recipe, out: Path, device: str) -> list[tupl
         str(out / "weights"),
     ]
     judge = ["np_training.evaluate", "--checkpoint", str(checkpoint), "--student", str(student), "--recipe", str(path)]
+    scene = find_domain(
+        recipe.domain
+    ).contact.name  # trained in contacts that grow, the policies are deployed in the scene's
     steps = [
         (student, [*distil, *options, *there]),
-        (figures, [*judge, "--out", str(figures.with_suffix(".partial")), *there]),
+        *(
+            (file, [*judge, *contact, "--out", str(file.with_suffix(".partial")), *there])
+            for file, contact in ((figures, []), (out / "evaluation_scene.jsonl", ["--contact", scene]))
+        ),
         (out / "report.html", ["np_training.report", str(out)]),
     ]
     return [(file, step) for file, step in steps if not file.exists()]

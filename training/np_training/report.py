@@ -2,7 +2,7 @@
 
     python -m np_training.report runs/bump
 
-Reads log.csv, config.json and, where they are, evaluation.jsonl (np_training.evaluate --out) and videos
+Reads log.csv, config.json and, where they are, evaluation.jsonl and evaluation_scene.jsonl (np_training.evaluate --out) and videos
 (*.webm).
 """
 
@@ -76,12 +76,13 @@ def read_run(path: Path) -> TrainingRun:
     rows = read_log(log)
     if not rows:
         raise ValueError(f"run {path}: expected log.csv with a row, found {'none in it' if log.exists() else 'no log'}")
-    config, lines = path / "config.json", path / "evaluation.jsonl"
+    config = path / "config.json"
+    judged = [file for name in ("evaluation.jsonl", "evaluation_scene.jsonl") if (file := path / name).exists()]
     return TrainingRun(
         path,
         rows,
         json.loads(config.read_text()) if config.exists() else {},
-        [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() else [],
+        [json.loads(line) for file in judged for line in file.read_text().splitlines()],
         sorted(path.glob("*.webm")),
     )
 

@@ -69,17 +69,18 @@ def without_optimisers(state: dict) -> dict:
 def figure_table(lines: list[dict]) -> str:
     """Markdown of `np_training.evaluate` results: by conditions, by kind of task, and what breaks first."""
     rows = [
-        "| simulated conditions | contact from | success | 95 % interval | episodes | out of reach | lost "
-        "| stopped by the reflex | timeout |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| simulated conditions | contacts | contact from | success | 95 % interval | episodes | out of reach | lost "
+        "| stopped by the reflex | timeout | force, 99 %, N |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     notes = []
     for r in lines:
         source = "student" if r["student"] else "teacher"
+        force = f"{r['force']['filtered_n']['q99']:.0f}" if "force" in r else "-"
         rows.append(
-            f"| {r['conditions']} | {source} | {r['success']:.3f} | "
+            f"| {r['conditions']} | {r.get('contact', '-')} | {source} | {r['success']:.3f} | "
             f"{r['ci95'][0]:.3f} to {r['ci95'][1]:.3f} | "
-            f"{r['episodes']} | {r['infeasible']} | {r['lost']} | {r.get('stopped', '-')} | {r['timeout']} |"
+            f"{r['episodes']} | {r['infeasible']} | {r['lost']} | {r.get('stopped', '-')} | {r['timeout']} | {force} |"
         )
         parts = [
             f"{name} {g['success']:.3f} ({g['episodes']})" for name, g in r.get("by_group", {}).items() if g["episodes"]
@@ -100,12 +101,7 @@ def figure_table(lines: list[dict]) -> str:
 
 
 def check_releasable(setting: dict, evaluations: list[dict]) -> None:
-    """Raise ValueError for a run in other contacts than the domain's scene, or that was never evaluated, or with another object."""
-    deployed = find_domain(setting["domain"]).contact.name
-    if (contact := setting.get("contact", UNSAID["contact"])) != deployed:
-        raise ValueError(
-            f"release: expected a run in {deployed} contacts, which {setting['domain']}'s scene is made of, got {contact}"
-        )
+    """Raise ValueError for a run that was never evaluated, or not in the contacts of the domain's scene, or with another object."""
     if not evaluations:
         raise ValueError(
             "release: expected evaluation.jsonl with a line in the run's folder (np_training.evaluate --out)"
@@ -114,6 +110,12 @@ def check_releasable(setting: dict, evaluations: list[dict]) -> None:
     if wrong:
         raise ValueError(
             f"release: expected evaluations of {setting['domain']}, got some of {', '.join(sorted(wrong))}"
+        )
+    deployed, trained = find_domain(setting["domain"]).contact.name, setting.get("contact", UNSAID["contact"])
+    if deployed not in (judged := {line.get("contact", trained) for line in evaluations}):
+        raise ValueError(
+            f"release: expected evaluations in {deployed} contacts, of which {setting['domain']}'s scene is made, got "
+            f"{', '.join(sorted(judged))}"
         )
     played = setting.get("object", DEFAULT)
     if others := {line.get("object", DEFAULT) for line in evaluations} - {played}:
