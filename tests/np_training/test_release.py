@@ -19,7 +19,7 @@ from np_training.ppo.log import TrainingLog, read_log
 from np_training.ppo.networks import ActorCritic
 from np_training.report import read_run, write_report
 from np_training.reports.curves import WINDOW, find_success
-from np_training.reports.releasing import check_releasable, figure_table, release
+from np_training.reports.releasing import check_releasable, release
 
 EVALUATION = {
     "conditions": "twice",
