@@ -1,4 +1,4 @@
-"""docs/results/evaluations.md: the twelve cells of `make evaluate`, from the evaluation_*.json files beside it."""
+"""docs/results/evaluations.md: the cells of `make evaluate`, from the evaluation_*.json files beside it."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ stamped with, by the renderer family of the training images."""
 
 
 def read(folder: Path) -> Iterator[tuple[str, str, str, Mapping]]:
-    """Task, name of the cell, file and data of each evaluation in `folder`."""
+    """Task, name of the cell, file and data of each evaluation in `folder`; a cell that was not played has no file."""
     for task in TASKS:
         for name, cell in CELLS.items():
             file = folder / f"evaluation_{task}_{cell}.json"
-            yield task, name, file.name, json.loads(file.read_text(encoding="utf-8"))
+            if file.exists():
+                yield task, name, file.name, json.loads(file.read_text(encoding="utf-8"))
 
 
 def successes(data: Mapping) -> str:
@@ -38,7 +39,8 @@ def successes(data: Mapping) -> str:
 def page(folder: Path) -> str:
     """Text of the page."""
     cells = list(read(folder))
-    by_task = [(task, *(f"[{successes(d)}]({f})" for t, _, f, d in cells if t == task)) for task in TASKS]
+    found = {(task, name): f"[{successes(data)}]({file})" for task, name, file, data in cells}
+    by_task = [(task, *(found.get((task, name), "not played") for name in CELLS)) for task in TASKS]
     rows = [_row(*cell) for cell in cells]
     commands = "\n".join(f"{data['command']}  # {data['date']}, {data['settings']['revision']}" for *_, data in cells)
     failed = [

@@ -20,6 +20,7 @@ from np_description.weights.header import read_metadata, tensors_sha256
 from np_description.weights.released import WeightsError, weights_folder
 from np_policy.contract import KINDS, POST_CONTACT, PRE_CONTACT
 from np_policy.networks import PostContactNetwork, PreContactNetwork
+from np_policy.size_generalization import SIZES
 from np_policy.weights import load, save, sha256
 from np_training.checkpoints import read_state
 from np_training.contracts import trained_contract
@@ -156,7 +157,8 @@ def release(
     domain, played = domain_of(setting).name, setting["object"]
     check_releasable(setting, run.evaluations)
     check_place(played, weights)
-    if (theirs := read_metadata(student).get("object", DEFAULT)) != played:
+    of_student = read_metadata(student)
+    if (theirs := of_student.get("object", DEFAULT)) != played:
         raise ValueError(f"release: expected a student for object {played}, got one for {theirs}: {student}")
     seed = run.config.get("environment", {}).get("seed", 0)
     post = PostContactNetwork()
@@ -171,7 +173,8 @@ def release(
     files = []
     for name, title, what in _FILES:
         file = weights / f"{name}_{domain}.safetensors"
-        save(modules[name], file, contracts[name], {"domain": domain, "object": played, "date": today})
+        sizes = {SIZES: of_student[SIZES]} if name == PRE_CONTACT and SIZES in of_student else {}
+        save(modules[name], file, contracts[name], {"domain": domain, "object": played, "date": today, **sizes})
         file.with_suffix(".md").write_text(
             _CARD.format(
                 title=f"{title}, {domain}",
