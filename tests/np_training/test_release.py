@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from np_description.domains import BUMP, CARD
-from np_description.weights.header import tensors_sha256
+from np_description.weights.header import read_metadata, tensors_sha256
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
 from np_policy.networks import PostContactNetwork, PreContactNetwork
 from np_policy.weights import WeightsError, load, save, sha256
@@ -142,7 +142,8 @@ def test_a_folder_without_a_log_is_refused(tmp_path):
 
 def test_a_release_has_the_weights_of_the_run_and_its_figures(folder, tmp_path):
     student = PreContactNetwork()
-    save(student, tmp_path / "student.safetensors", PolicyContract.of(PRE_CONTACT, BUMP), {"domain": "bump"})
+    metadata = {"domain": "bump", "sizes": "0.8 1.2"}
+    save(student, tmp_path / "student.safetensors", PolicyContract.of(PRE_CONTACT, BUMP), metadata)
     state = torch.load(folder / "checkpoint.pt", weights_only=True)
     files = release(
         read_run(folder),
@@ -154,6 +155,7 @@ def test_a_release_has_the_weights_of_the_run_and_its_figures(folder, tmp_path):
         "python -m np_training.train --domain bump",
     )
     assert [file.name for file in files] == ["post_contact_bump.safetensors", "pre_contact_bump.safetensors"]
+    assert [read_metadata(file).get("sizes") for file in files] == [None, "0.8 1.2"]
     post = load(PostContactNetwork(), files[0], PolicyContract.of(POST_CONTACT, BUMP)).state_dict()
     assert all(torch.equal(post[name], state["networks"][f"post.{name}"]) for name in post)
     card = files[0].with_suffix(".md").read_text()

@@ -53,12 +53,6 @@ def page(folder: Path) -> str:
         (task, name, *(data["limit_share"][kind][q] for kind in ("velocity", "torque") for q in ("median", "q99")))
         for task, name, _, data in cells
     ]
-    forces = [
-        (task, name, *(data[kind][q] for kind in ("force_n", "raw_peak_n") for q in ("median", "q99")))
-        + tuple(f"{data['reflex_stops'][n]} of {data['force_episodes']}" for n in ("40", "25"))
-        for task, name, _, data in cells
-        if "force_n" in data
-    ]
     return "".join(
         [
             head("Evaluations through the graph", "evaluation_*.json", INTRODUCTION),
@@ -71,16 +65,25 @@ def page(folder: Path) -> str:
             commands,
             "\n```\n\n## Limits\n\nLargest share of a joint's limit in an episode. Torque is the commanded one.\n\n",
             table(("task", "cell", "speed, median", "99 %", "torque, median", "99 %"), limits),
-            "\n## Forces\n\nLargest external force of an episode, N: estimated as the robot does, filtered over 10 ms, and the raw peak of the\n"
-            "contact solver. Cells that are missing were played before forces were recorded; their policies press harder\n"
-            "([forces](../guide/hardware.md#forces)).\n\n",
-            table(
-                ("task", "cell", "filtered, median", "99 %", "raw, median", "99 %", "stops at 40 N", "at 25 N"), forces
-            ),
+            *_forces(cells),
             "\n## Episodes that failed\n\n",
             table(("task", "cell", "episode", "declared", "reason", "distance, mm", "angle, rad"), failed),
         ]
     )
+
+
+def _forces(cells: list[tuple[str, str, str, Mapping]]) -> Iterator[str]:
+    rows = [
+        (task, name, *(data[kind][q] for kind in ("force_n", "raw_peak_n") for q in ("median", "q99")))
+        + tuple(f"{data['reflex_stops'][n]} of {data['force_episodes']}" for n in ("40", "25"))
+        for task, name, _, data in cells
+        if "force_n" in data  # recorded since 2026-11-27
+    ]
+    if rows:
+        yield "\n## Forces\n\nLargest external force of an episode, N: filtered over 10 ms, and the raw peak of the contact solver.\n\n"
+        yield table(
+            ("task", "cell", "filtered, median", "99 %", "raw, median", "99 %", "stops at 40 N", "at 25 N"), rows
+        )
 
 
 def _row(task: str, name: str, file: str, data: Mapping) -> tuple:
