@@ -124,6 +124,15 @@ def test_every_simulation_has_its_own_parameters_and_stretch(plant, recorded):
         assert np.array_equal(alone[0], together[i], equal_nan=True)
 
 
+@pytest.mark.parametrize("row", [-1, -2, 1])
+def test_gains_may_change_in_any_row(plant, row):
+    whole = run(plant, wave([0.3, 0.2], 1.0), TRUTH)
+    stiffness = whole.stiffness.copy()
+    stiffness[row:] *= 1.1
+    errors = Replay(plant, [replace(whole, stiffness=stiffness)]).errors([0], {n: v[None] for n, v in TRUTH.items()})
+    assert np.isfinite(errors).all()
+
+
 def test_free_inertia_changes_nothing_while_it_is_nominal(plant, recorded):
     replay = Replay(plant, recorded)
     nominal = plant.nominal()

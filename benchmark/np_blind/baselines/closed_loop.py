@@ -172,7 +172,8 @@ class Replay:
         simulated = np.empty((len(which), length, self.plant.model.nv))
         simulated[:, 0] = self._start[which, 0]
         stiffness, damping = self._stiffness[:, :length][which], self._damping[:, :length][which]
-        changes = (np.diff(stiffness, axis=1) != 0) | (np.diff(damping, axis=1) != 0)
+        # The last row is only compared: no step is taken with its gains.
+        changes = (np.diff(stiffness[:, :-1], axis=1) != 0) | (np.diff(damping[:, :-1], axis=1) != 0)
         edges = [0, *(np.flatnonzero(changes.any(axis=(0, 2))) + 1), length - 1]
         law, gain = (
             batch.expand("actuator_biasprm"),
