@@ -35,8 +35,11 @@ class Sequencer:
         self._begin_at = begin_at
         self._begin = 0
         self._filters = {topic: padding_filter(topic.type) for topic in TOPICS}
-        self._published: list[int] = []  # the timeline: when joint states were published, by the wall, ...
+        self._published: list[int] = []  # the timeline: when joint states were published, never decreasing, ...
         self._stamps: list[int] = []  # ... and their stamps
+        self._set_back = self._set_back_before = (
+            0  # ns by which the wall clock was set back in all, and before the last time
+        )
         self._unstamped: list[tuple[int, Topic, bytes]] = []
         self._heap: list[tuple[int, int, int, Topic, bytes]] = []
         self._last: dict[Topic, tuple[int, bytes]] = {}
@@ -53,14 +56,14 @@ class Sequencer:
             self.lost += max(0, number - self._numbers.get(topic, number - 1) - 1)
             self._numbers[topic] = number
         if not topic.stamped:
+            # Only the next joint state shows whether the clock was set back meanwhile.
             self._unstamped.append((published, topic, data))
-            self._stamp_what_waits()
             return
         stamp = header_stamp(data)
         self._place(stamp, topic, data)
         if topic is TIMELINE:
             self._is_restarted |= bool(self._stamps) and stamp < self._stamps[-1]
-            self._published.append(published)
+            self._note_published(published)
             self._stamps.append(stamp)
             self._stamp_what_waits()
             if len(self._stamps) > 2 * _TIMELINE_LENGTH:
@@ -74,16 +77,29 @@ class Sequencer:
         while self._heap:
             self._pop()
 
+    def _note_published(self, wall: int) -> None:
+        """Continue the timeline; joint states come in their order, so that an earlier wall time is a clock set back."""
+        last = self._published[-1] if self._published else wall
+        if wall + self._set_back < last:
+            self._set_back_before, self._set_back = self._set_back, last - wall
+        self._published.append(wall + self._set_back)
+
+    def _time_published(self, wall: int) -> int:
+        """A wall time on the timeline, ns: by the clock as it is now, or as it was before, whichever is nearer to the end."""
+        times = wall + self._set_back, wall + self._set_back_before
+        return min(times, key=lambda time: abs(time - self._published[-1])) if self._published else wall
+
     def _stamp_what_waits(self, final: bool = False) -> None:
         waiting, self._unstamped = self._unstamped, []
-        for published, topic, data in waiting:
+        for wall, topic, data in waiting:
+            published = self._time_published(wall)
             # Only once a later joint state is here is it sure which one was the last before.
-            if final or self._published and self._published[-1] > published:
+            if final or self._published[-1] > published:
                 index = bisect_right(self._published, published) - 1
                 stamp = self._stamps[max(0, index)] if self._stamps else 0
                 self._place(stamp, topic, data)
             else:
-                self._unstamped.append((published, topic, data))
+                self._unstamped.append((wall, topic, data))
 
     def _place(self, stamp: int, topic: Topic, data: bytes) -> None:
         if self._last.get(topic) == (stamp, data):
