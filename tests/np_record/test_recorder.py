@@ -108,9 +108,10 @@ def test_a_message_without_a_stamp_gets_that_of_the_state_before_it():
 
 @given(st.integers(1, 10**5), st.integers(1, 48), st.booleans())
 def test_a_clock_set_back_moves_no_message_without_a_stamp(back, at, is_overtaken):
-    """Wherever the clock is set back, before or after the phase: it is stamped as without that, or at most four states away.
+    """Wherever the clock is set back, before or after the phase: it is stamped as without that, or a few states away.
 
-    A jump of a few states cannot be told from their scatter: the message may have been sent before or after it.
+    A jump of a few states cannot be told from their scatter: the message may have been sent before or after it, four states at most, or
+    nine where three states overtake it. A longer jump is told.
     """
     messages = [(t, data, wall - (back if wall >= 1000 * at else 0), n) for t, data, wall, n in run(50)]
     if is_overtaken:
@@ -118,7 +119,7 @@ def test_a_clock_set_back_moves_no_message_without_a_stamp(back, at, is_overtake
         messages.insert(place + 3, messages.pop(place))
     result, sequencer = sequence(messages)
     [stamp] = [s for s, topic, _ in result if topic.name == "episode/phase"]
-    assert abs(stamp - 20 * PERIOD) <= 4 * PERIOD and not sequencer.lost
+    assert abs(stamp - 20 * PERIOD) <= (9 if is_overtaken else 4) * PERIOD and not sequencer.lost
 
 
 def test_what_is_sent_again_is_kept_once_and_what_is_missing_is_counted():
