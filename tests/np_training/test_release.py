@@ -19,7 +19,7 @@ from np_training.ppo.log import TrainingLog, read_log
 from np_training.ppo.networks import ActorCritic
 from np_training.report import read_run, write_report
 from np_training.reports.curves import WINDOW, find_success
-from np_training.reports.releasing import check_releasable, release
+from np_training.reports.releasing import check_releasable, figure_table, release
 
 EVALUATION = {
     "conditions": "twice",
@@ -209,3 +209,18 @@ def test_what_the_nodes_cannot_deploy_is_not_released():
         check_releasable({"domain": "bump", "contact": "hard"}, [])
     with pytest.raises(ValueError, match="expected evaluations of wall, got some of bump"):
         check_releasable({"domain": "wall", "contact": "hard"}, [EVALUATION])
+
+
+def test_evaluations_of_the_first_version_still_make_a_table():
+    old = {
+        "conditions": "nominal",
+        "student": True,
+        "success": 0.995,
+        "ci95": [0.988, 0.998],
+        "episodes": 1000,
+        "infeasible": 0,
+        "lost": 0,
+        "timeout": 5,
+    }
+    row = "| nominal | - | student | 0.995 | 0.988 to 0.998 | 1000 | 0 | 0 | - | 5 | - |"
+    assert figure_table([old]).splitlines()[-1] == row

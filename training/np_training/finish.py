@@ -29,15 +29,12 @@ def steps_after(path: Path, recipe: Recipe, out: Path, device: str) -> list[tupl
         str(out / "weights"),
     ]
     judge = ["np_training.evaluate", "--checkpoint", str(checkpoint), "--student", str(student), "--recipe", str(path)]
-    scene = find_domain(
-        recipe.domain
-    ).contact.name  # trained in contacts that grow, the policies are deployed in the scene's
+    # Trained in contacts that grow, the policies are deployed in the scene's: judged in both.
+    in_scene, contact = out / "evaluation_scene.jsonl", find_domain(recipe.domain).contact.name
     steps = [
         (student, [*distil, *options, *there]),
-        *(
-            (file, [*judge, *contact, "--out", str(file.with_suffix(".partial")), *there])
-            for file, contact in ((figures, []), (out / "evaluation_scene.jsonl", ["--contact", scene]))
-        ),
+        (figures, [*judge, "--out", str(figures.with_suffix(".partial")), *there]),
+        (in_scene, [*judge, "--contact", contact, "--out", str(in_scene.with_suffix(".partial")), *there]),
         (out / "report.html", ["np_training.report", str(out)]),
     ]
     return [(file, step) for file, step in steps if not file.exists()]

@@ -37,9 +37,8 @@ class Sequencer:
         self._filters = {topic: padding_filter(topic.type) for topic in TOPICS}
         self._published: list[int] = []  # the timeline: when joint states were published, never decreasing, ...
         self._stamps: list[int] = []  # ... and their stamps
-        self._set_back = self._set_back_before = (
-            0  # ns by which the wall clock was set back in all, and before the last time
-        )
+        # ns by which the wall clock was set back in all, and before the last time.
+        self._set_back = self._set_back_before = 0
         self._unstamped: list[tuple[int, Topic, bytes]] = []
         self._heap: list[tuple[int, int, int, Topic, bytes]] = []
         self._last: dict[Topic, tuple[int, bytes]] = {}
