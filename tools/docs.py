@@ -19,7 +19,7 @@ def generate(root: Path = ROOT) -> dict[str, str]:
         "reference/objects.md": objects.page(),
         "reference/parameters.md": parameters.page(root),
         "reference/report_schema.md": report_schema.page(),
-        "results/driver.md": driver.page(root / "docs/results", driver.TEXTS),
+        "results/driver.md": driver.page(root / "docs/results/driver.json"),
         "results/evaluations.md": evaluations.page(root / "docs/results"),
     }
 

@@ -136,7 +136,6 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--only", nargs="+", default=[], metavar="EXPERIMENT", help="of the suite, not all")
     parser.add_argument("--out", type=Path, default=Path("docs/results"))
-    parser.add_argument("--page", type=Path, default=Path("docs/results/driver.md"))
     parser.add_argument("--journal", type=Path, default=Path("runs/driver_report.json"))
     options = parser.parse_args()
     if reason := missing():
@@ -157,10 +156,13 @@ def main() -> int:
     run = {**about, "seconds": options.seconds, "only": options.only, "revision": revision}
     journal = Journal(options.journal, run)
     options.out.mkdir(parents=True, exist_ok=True)
+    data = options.out / "driver.json"
 
     def write(part: str, rows: list[dict]) -> None:
-        (options.out / f"driver_{part}.json").write_text(json.dumps({**about, "rows": rows}, indent=1) + "\n")
-        options.page.write_text(driver.page(options.out, PARTS))
+        known = json.loads(data.read_text()) if data.exists() else {}
+        known[part] = {**about, "rows": rows}
+        data.write_text(json.dumps({name: known[name] for name in PARTS if name in known}, indent=1) + "\n")
+        data.with_suffix(".md").write_text(driver.page(data))
 
     try:
         errors = measure(jobs(options.parts, options.seconds, options.pace, options.only), journal, write)

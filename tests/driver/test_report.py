@@ -1,5 +1,6 @@
 """The report keeps what it has measured, and its account of cores is the process's own."""
 
+import json
 import os
 import time
 
@@ -46,12 +47,12 @@ def test_the_rows_of_another_run_are_not_taken_over(tmp_path):
 
 
 def test_the_page_is_made_of_what_has_been_measured(tmp_path):
-    assert "##" not in page(tmp_path, list(COLUMNS))
     row = dict.fromkeys(COLUMNS["faults"], "a | b")
-    about = '{"date": "2026-01-01", "machine": "2 cores", "pace": 1.0, "rows": [%s]}'
-    (tmp_path / "driver_faults.json").write_text(about % str(row).replace("'", '"'))
-    text = page(tmp_path, list(COLUMNS))
-    assert text.count("## ") == 1 and "2026-01-01, 2 cores" in text
+    faults = {"date": "2026-01-01", "machine": "2 cores", "pace": 1.0, "rows": [row]}
+    data = tmp_path / "driver.json"
+    data.write_text(json.dumps({"faults": faults}))
+    text = page(data)
+    assert text.count("## ") == 1 and "2026-01-01, 2 cores ([data](driver.json))" in text
     assert "| " + " | ".join(["a / b"] * len(row)) + " |" in text
 
 

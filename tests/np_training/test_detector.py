@@ -1,16 +1,20 @@
 """The detector as a library: heatmaps to pixels, scores, determinism, refusals."""
 
+import json
+
 import numpy as np
 import pytest
 import torch
 from detector_weights import TINY, write_detector
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.image import imread
 
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, CARD
 from np_description.weights.released import WeightsError
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector
+from np_training.detector.judging import write_figures
 from np_training.detector.network import KeypointNetwork, decode, find_peak, heatmap_loss
 
 torch.set_num_threads(1)
@@ -114,3 +118,14 @@ def test_missing_foreign_stale_and_broken_networks_are_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(WeightsError, match="cannot be read"):
         KeypointDetector(CARD, tmp_path)
+
+
+def test_a_domain_replaces_only_its_own_figures_and_pictures(tmp_path):
+    for name, value in (("wall", 1), ("card", 2), ("wall", 3)):
+        write_figures({"domain": name, "seed": value}, np.full((4, 5, 4), value, np.uint8), tmp_path)
+    assert json.loads((tmp_path / "detector.json").read_text()) == {
+        "card": {"domain": "card", "seed": 2},
+        "wall": {"domain": "wall", "seed": 3},
+    }
+    rows = np.round(255 * imread(tmp_path / "detector.png"))[:, 0, 0]
+    assert list(rows) == [2] * 4 + [255] * 4 + [3] * 4

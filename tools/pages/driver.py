@@ -1,12 +1,11 @@
-"""docs/results/driver.md: measurements of the hardware driver, from the JSON files of `make driver-report`."""
+"""docs/results/driver.md: measurements of the hardware driver, from the data of `make driver-report`."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
 from pathlib import Path
 
-HEAD = """<!-- Written by `make docs` from driver_*.json: do not edit. -->
+HEAD = """<!-- Written by `make docs` from driver.json: do not edit. -->
 # Hardware driver against a simulated FR3
 
 `make driver-report` measures the driver against a simulated FR3 on the robot's own network protocol. No real arm was used;
@@ -102,20 +101,17 @@ COLUMNS: dict[str, dict[str, str]] = {
 }
 
 
-def page(folder: Path, parts: Iterable[str]) -> str:
-    """The page, from the JSON files of those parts that have been measured."""
+def page(data: Path) -> str:
+    """The page, of those parts that `data` holds."""
     sections = [HEAD]
-    for part in parts:
-        path = folder / f"driver_{part}.json"
-        if path.exists():
-            measured = json.loads(path.read_text())
-            origin = f"{measured['date']}, {measured['machine']} ([data](driver_{part}.json)).\n"
-            if part != "faults" and measured["pace"] != 1:
-                origin += f"\n**The robot's clock went at 1/{measured['pace']:g} of its speed, "
-                origin += "on a busy machine: the cycle times are that machine's.**\n"
-            sections += [TEXTS[part], origin, table(measured["rows"], COLUMNS[part])]
-            if part == "tracking":
-                sections += [costs(measured["rows"])]
+    for part, measured in json.loads(data.read_text()).items():
+        origin = f"{measured['date']}, {measured['machine']} ([data]({data.name})).\n"
+        if part != "faults" and measured["pace"] != 1:
+            origin += f"\n**The robot's clock went at 1/{measured['pace']:g} of its speed, "
+            origin += "on a busy machine: the cycle times are that machine's.**\n"
+        sections += [TEXTS[part], origin, table(measured["rows"], COLUMNS[part])]
+        if part == "tracking":
+            sections += [costs(measured["rows"])]
     return "\n".join(sections)
 
 

@@ -8,8 +8,8 @@ never used in training, other lights and colours, and the camera within 2 cm and
 with the arm as it looks (`make meshes`). With --episodes, three fifths of the
 states are ones that the released policies pass through
 (`np_training.evaluate --released DOMAIN --conditions paper --record FILE`). Writes
-docs/results/detector_DOMAIN.json, a picture of the best, median and worst detections beside it, and a plot of
-how far scores hold; prints the JSON. Without OpenGL only the last set is judged.
+the domain's part of docs/results/detector.json and, of the best, median and worst detections, of
+docs/results/detector.png; prints the JSON. Without OpenGL only the last set is judged.
 """
 
 from __future__ import annotations

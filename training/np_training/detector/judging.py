@@ -10,16 +10,16 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.image import imread, imsave
 
-from np_common.html_pages import style
-from np_description.domains import Task
+from np_description.domains import DOMAINS, Task
 from np_description.objects.choice import domain_with
 from np_perception.detector import KeypointDetector
 from np_sim_bridge.renderer import egl_works
 from np_training.detector.held_out import SHIFTED_LOOK, LabelledImage, held_out_images
 from np_training.detector.metrics import summarise
-from np_training.detector.network import RELIABLE
 from np_training.detector.render import NOMINAL_LOOK
 from np_training.detector.timing import detector_figures
 from np_training.detector.visited import load_visited
@@ -50,24 +50,9 @@ def judge(detector: KeypointDetector, images: Iterator[LabelledImage], total: in
     return summarise(*map(np.array, zip(*rows))), pictures
 
 
-def draw_reliability(sets: dict[str, dict], path: Path) -> None:
-    """What share of keypoints is within RELIABLE px of the truth, against the score that says so."""
-    with style():
-        figure = Figure(figsize=(5.2, 4.4), layout="constrained")
-        axes = figure.add_subplot()
-        axes.plot([0, 1], [0, 1], color="0.6", lw=1, ls="--")
-        for name, figures in sets.items():
-            score, held, count = np.array(figures["reliability"]).T
-            (line,) = axes.plot(score, held, lw=1, label=f"{name}: {figures['calibration_error']:.3f}")
-            axes.scatter(score, held, s=4 + 12 * np.log10(count), color=line.get_color())
-        axes.set(xlabel="score", ylabel=f"share within {RELIABLE:g} px", xlim=(0, 1.02), ylim=(0, 1.02))
-        axes.legend(title="expected calibration error", frameon=False)
-        figure.savefig(path, dpi=110)
-
-
-def draw(pictures: list, path: Path, columns: int = 5) -> None:
-    """A sheet of the best, median and worst images: rings are true corners (white seen, black hidden), dots
-    detections."""
+def draw(pictures: list, columns: int = 5) -> np.ndarray:
+    """RGBA pixels of a sheet of the best, median and worst images: rings are true corners (white seen, black
+    hidden), dots detections."""
     pictures = sorted(pictures, key=lambda p: p[0])
     middle = max(0, len(pictures) // 2 - columns // 2)
     rows = {
@@ -75,7 +60,7 @@ def draw(pictures: list, path: Path, columns: int = 5) -> None:
         "median": pictures[middle : middle + columns],
         "worst": pictures[-columns:],
     }
-    figure = Figure(figsize=(3 * columns, 9.6), layout="constrained")
+    figure = Figure(figsize=(3 * columns, 9.6), dpi=70, layout="constrained")
     axes = figure.subplots(3, columns)
     for (title, chosen), line in zip(rows.items(), axes):
         for axis in line:
@@ -89,7 +74,27 @@ def draw(pictures: list, path: Path, columns: int = 5) -> None:
             axis.set_xlim(centre[0] - 40, centre[0] + 40)
             axis.set_ylim(centre[1] + 40, centre[1] - 40)
             axis.set_title(f"{title}: {error:.2f} px", fontsize=9)
-    figure.savefig(path, dpi=70)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())
+
+
+def write_figures(figures: dict, sheet: np.ndarray | None, folder: Path) -> None:
+    """Put a domain's figures into detector.json of `folder`, and its sheet at the domain's place in detector.png,
+    where the sheets stand below each other in the order of `DOMAINS`."""
+    data, picture = folder / "detector.json", folder / "detector.png"
+    known = json.loads(data.read_text()) if data.exists() else {}
+    known[figures["domain"]] = figures
+    data.write_text(json.dumps({name: known[name] for name in DOMAINS if name in known}) + "\n")
+    if sheet is None:
+        return
+    height = len(sheet)
+    whole = np.full((height * len(DOMAINS), *sheet.shape[1:]), 255, np.uint8)
+    if picture.exists():
+        whole = np.round(255 * imread(picture)).astype(np.uint8)
+    start = height * list(DOMAINS).index(figures["domain"])
+    whole[start : start + height] = sheet
+    imsave(picture, whole)
 
 
 def evaluate(
@@ -97,13 +102,12 @@ def evaluate(
     folder: str | Path,
     images: int,
     seed: int,
-    pictures: Path | None,
     visited: torch.Tensor | None = None,
     only: Sequence[str] = tuple(
         name for name in SETS if name not in LIKE
     ),  # meshes are only there if they were installed
-) -> dict:
-    """The figures of the sets, `visited` states among them; the sheet of the shifted one goes to `pictures`."""
+) -> tuple[dict, np.ndarray | None]:
+    """The figures of the sets, `visited` states among them, and the sheet of the shifted one."""
     detector = KeypointDetector(domain, folder)
     result = {
         "domain": domain.name,
@@ -111,6 +115,7 @@ def evaluate(
         "weights_sha256": detector.information["weights_sha256"],
         "sets": {},
     }
+    sheet = None
     opengl = egl_works()
     drawable = [name for name, (_, renderer, *_) in SETS.items() if renderer != "egl" or opengl]
     if missing := [name for name in only if name not in drawable]:
@@ -120,22 +125,18 @@ def evaluate(
         images_seed = 7919 * (seed + 1) + list(SETS).index(LIKE.get(name, name))
         samples = held_out_images(domain, images, images_seed, look, renderer, patterned, visited, meshes)
         result["sets"][name], shown = judge(detector, samples, images, name)
-        if pictures is not None and shown and name == ("shifted" if "shifted" in drawable else "ray_caster"):
-            draw(shown, pictures)
+        if shown and name == ("shifted" if "shifted" in drawable else "ray_caster"):
+            sheet = draw(shown)
     result["detection"] = detector_figures(domain, str(folder))
-    return result
+    return result, sheet
 
 
 def judge_released(options: argparse.Namespace) -> dict:
-    """Figures of the detector that the command line names; they and its pictures go where it says."""
+    """Figures of the detector that the command line names; they and its sheet go where it says."""
     torch.set_num_threads(1)
     options.out.mkdir(parents=True, exist_ok=True)
-    stem = options.out / f"detector_{options.domain}"
     domain = domain_with(options.domain, options.object)
     visited = load_visited(options.episodes, domain, "cpu") if options.episodes else None
-    result = evaluate(
-        domain, options.weights, options.images, options.seed, stem.with_suffix(".png"), visited, options.sets
-    )
-    draw_reliability(result["sets"], stem.with_name(f"{stem.name}_reliability.png"))
-    stem.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
+    result, sheet = evaluate(domain, options.weights, options.images, options.seed, visited, options.sets)
+    write_figures(result, sheet, options.out)
     return result

@@ -3,7 +3,8 @@ training run.
 
     python -m np_training.detector.release runs/detector --domain card
 
-Writes weights/keypoint_detector_DOMAIN.{safetensors,onnx,md} and docs/results/detector_DOMAIN.{json,png}.
+Writes weights/keypoint_detector_DOMAIN.{safetensors,onnx,md} and the domain's part of
+docs/results/detector.{json,png}.
 """
 
 from __future__ import annotations

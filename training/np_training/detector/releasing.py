@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
@@ -10,7 +9,7 @@ from np_description.domains import find_domain
 from np_description.weights.header import tensors_sha256
 from np_perception.detector import network_name
 from np_training.detector.exporting import export, load_weights
-from np_training.detector.judging import draw_reliability, evaluate
+from np_training.detector.judging import evaluate, write_figures
 from np_training.detector.network import RELIABLE
 from np_training.detector.visited import load_visited
 
@@ -52,9 +51,8 @@ def release(
     target = weights / f"{name}.safetensors"
     shutil.copyfile(run / target.name, target)
     export(target)
-    figures = evaluate(domain, weights, images, seed, results / f"detector_{domain_name}.png", visited)
-    draw_reliability(figures["sets"], results / f"detector_{domain_name}_reliability.png")
-    (results / f"detector_{domain_name}.json").write_text(json.dumps(figures, indent=1) + "\n")
+    figures, sheet = evaluate(domain, weights, images, seed, visited)
+    write_figures(figures, sheet, results)
     card = target.with_suffix(".md")
     card.write_text(model_card(target, figures, episodes))
     return card
