@@ -12,7 +12,8 @@ def test_every_backend_keeps(running, check):
     running.keeps(check)
 
 
-def test_the_backend_ends_cleanly(any_start):
-    harness = any_start()
+def test_the_backend_ends_cleanly(running):
+    """Last: nothing is asked of it afterwards."""
+    harness = running.harness()
     harness.follow(harness.commands.stay, lambda: len(harness.states) > 20, "20 states")
     assert harness.graph.kill(harness.backend.name, signal.SIGINT) == 0
