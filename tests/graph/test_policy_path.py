@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from contextlib import ExitStack, closing
+from functools import cache
 from itertools import count
 
 import numpy as np
@@ -144,21 +145,27 @@ def think(graph, weights, position=HAND, mode="lockstep"):
 
 @pytest.fixture(scope="module")
 def thinking(tmp_path_factory):
-    """The three nodes in lockstep, once for all tests: nothing of an episode may be left in them after it."""
-    folder = tmp_path_factory.mktemp("thinking")
-    with Graph(folder / "log") as graph:
-        think(graph, folder / "weights")
-        yield graph
+    """Gives the graph of the three nodes in a mode, once for all tests: nothing of an episode may be left in them after it."""
+    with ExitStack() as stack:
+
+        @cache
+        def graph_in(mode):
+            folder = tmp_path_factory.mktemp(mode)
+            graph = stack.enter_context(Graph(folder / "log"))
+            think(graph, folder / "weights", mode=mode)
+            return graph
+
+        yield graph_in
 
 
 @pytest.fixture
-def begin(request, tmp_path):
+def begin(thinking, tmp_path):
     """Starts `episode` beside the other three; options: its parameters, or what asks for three of its own."""
     with ExitStack() as stack:
 
         def begun(position=HAND, mode="lockstep", **episode):
-            if (position, mode) == (HAND, "lockstep"):
-                graph = request.getfixturevalue("thinking")
+            if position == HAND:
+                graph = thinking(mode)
             else:
                 graph = stack.enter_context(Graph(tmp_path / "log"))
                 think(graph, tmp_path / "weights", position, mode)
