@@ -8,9 +8,7 @@ import numpy as np
 
 from sim2real.inference.fit import ParameterFit
 from sim2real.inference.regression import RegressionProblem
-from sim2real.thresholds import THRESHOLDS
 
-SEARCH = THRESHOLDS.search
 EDGE = 1e-3  # of the range from its bound within which a parameter absorbs no more
 
 
