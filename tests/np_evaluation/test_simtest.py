@@ -112,6 +112,15 @@ def test_a_wall_clock_that_is_set_back_ends_no_episode():
     assert report.phases[-1].partition(": no ")[0] in ("succeeded", "failed: post: timeout")
 
 
+def test_a_restarted_backend_gives_a_goal_though_the_wall_clock_was_set_back():
+    jump = InjectedFault("clock_jump", 0.8, "", 0.0, -20.0)
+    crash = InjectedFault("crash", 1.0, "sim_bridge", 0.3)
+    report = play(
+        replace(Plan.of(0), mode="realtime", is_recorded=False, horizon=2.0, post_timeout=0.3, faults=(jump, crash))
+    )
+    assert not report.violations and "episode: refused_order" not in report.refusals
+
+
 def test_a_broken_guard_is_found_and_made_small(monkeypatch):
     """A backend that never stops in silence: the invariants say so, and the killed controller alone is left of three faults."""
     from np_control.safety.watchdog import Watchdog

@@ -141,7 +141,7 @@ class Episode:
         return self._fail("stopped on request")
 
     def goal(self, stamp: int, pose: Pose, sent: int = 0) -> list[Event]:
-        """A new task: the object's goal from stamp ns on; sent: when it was published, ns of the system's clock.
+        """A new task: the object's goal from stamp ns on; sent: when it was published, ns of a clock that nobody sets.
 
         Raises ValueError for a goal behind the camera, Refused for one that was in force before the present one: what is
         latched comes when its publisher is found, which may be after somebody gave a newer goal.

@@ -41,6 +41,7 @@ _FIELDS = (
     "arrival",
 )
 BACKEND_SILENCE = 3.0  # s of wall time; it reports every second
+_CLOCK_SET = 100_000_000  # ns; less is a clock that is adjusted while it runs
 _HELP = {
     "settle": ("Rest between approach and post, s.", 0.0, 10.0),
     "pre_timeout": ("How long keypoints may be unusable in phase pre, s.", 0.0, 600.0),
@@ -92,6 +93,7 @@ class EpisodeNode(Node):
         )
         self._waits_for, self._waits_since = "", time.monotonic()
         self._backend_heard: float | None = None
+        self._wall_lead = time.time_ns() - time.monotonic_ns()
         self._phases = PhasePublisher(self, lockstep=settings.lockstep)
         self._goal = self.create_publisher(PointCloud2, "goal_keypoints", qos.LATCHED)
         self.create_subscription(PoseStamped, "goal_pose", self._on_goal, qos.LATCHED)
@@ -111,7 +113,8 @@ class EpisodeNode(Node):
         try:
             pose = Pose(*pose_arrays(message, BASE_FRAME))
             check_goal(self._domain, pose)
-            events = self._episode.goal(stamp_nanoseconds(message.header.stamp), pose, info["source_timestamp"])
+            sent = self._steady_time(info["source_timestamp"])
+            events = self._episode.goal(stamp_nanoseconds(message.header.stamp), pose, sent)
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
         except InputRefusal as error:
@@ -123,6 +126,17 @@ class EpisodeNode(Node):
         self._publish(events)
         self.diagnostics.values[GOAL] = goal_text(message)
         self.diagnostics.publish()  # who gave it waits for this
+
+    def _steady_time(self, wall: int) -> int:
+        """When a message was sent at a wall time, ns of this computer's steady clock.
+
+        Goals are compared by it: nobody sets this clock. A wall time still to come is from before the clock was set back.
+        """
+        now = time.time_ns()
+        lead = now - time.monotonic_ns()
+        if wall <= now and abs(lead - self._wall_lead) > _CLOCK_SET:
+            self._wall_lead = lead
+        return wall - self._wall_lead
 
     def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
         if self._waits_for == "keypoints":
