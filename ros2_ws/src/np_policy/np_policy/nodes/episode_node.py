@@ -23,6 +23,7 @@ from np_description.phases import ACTIVE, SUCCEEDED, PhaseState
 from np_description.scene import CAMERA_NAME
 from np_policy.episode import Episode, EpisodeConfig, Event, Goal, InputRefusal, Tick
 from np_policy.nodes.common import StateStream, declare_settings, subscribe_keypoints
+from np_policy.sent_time import SentTime
 from np_ros import qos
 from np_ros.goals import GOAL, REFUSED, goal_text
 from np_ros.messages import keypoints_message
@@ -41,7 +42,6 @@ _FIELDS = (
     "arrival",
 )
 BACKEND_SILENCE = 3.0  # s of wall time; it reports every second
-_CLOCK_SET = 100_000_000  # ns; less is a clock that is adjusted while it runs
 _HELP = {
     "settle": ("Rest between approach and post, s.", 0.0, 10.0),
     "pre_timeout": ("How long keypoints may be unusable in phase pre, s.", 0.0, 600.0),
@@ -93,7 +93,7 @@ class EpisodeNode(Node):
         )
         self._waits_for, self._waits_since = "", time.monotonic()
         self._backend_heard: float | None = None
-        self._wall_lead = time.time_ns() - time.monotonic_ns()
+        self._sent_time = SentTime()
         self._phases = PhasePublisher(self, lockstep=settings.lockstep)
         self._goal = self.create_publisher(PointCloud2, "goal_keypoints", qos.LATCHED)
         self.create_subscription(PoseStamped, "goal_pose", self._on_goal, qos.LATCHED)
@@ -113,7 +113,7 @@ class EpisodeNode(Node):
         try:
             pose = Pose(*pose_arrays(message, BASE_FRAME))
             check_goal(self._domain, pose)
-            sent = self._steady_time(info["source_timestamp"])
+            sent = self._sent_time.steady(info["source_timestamp"])
             events = self._episode.goal(stamp_nanoseconds(message.header.stamp), pose, sent)
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
@@ -126,17 +126,6 @@ class EpisodeNode(Node):
         self._publish(events)
         self.diagnostics.values[GOAL] = goal_text(message)
         self.diagnostics.publish()  # who gave it waits for this
-
-    def _steady_time(self, wall: int) -> int:
-        """When a message was sent at a wall time, ns of this computer's steady clock.
-
-        Goals are compared by it: nobody sets this clock. A wall time still to come is from before the clock was set back.
-        """
-        now = time.time_ns()
-        lead = now - time.monotonic_ns()
-        if wall <= now and abs(lead - self._wall_lead) > _CLOCK_SET:
-            self._wall_lead = lead
-        return wall - self._wall_lead
 
     def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
         if self._waits_for == "keypoints":
