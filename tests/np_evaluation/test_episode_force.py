@@ -6,11 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from np_control import external_force
 from np_control.kinematics import jacobian
 from np_description.contact.depths import PUSHERS
 from np_description.contact.penetration import kind_of
 from np_description.domains import WALL
-from np_description.force_reflex import FORCE_REFLEX, STOP, filter_step, hand_wrench
+from np_description.force_reflex import FORCE_REFLEX, STOP, ForceReflex, filter_step, hand_wrench
 from np_description.mujoco_engine import MujocoEngine
 from np_evaluation.in_process import InProcessRollout
 from np_evaluation.scoring import summary
@@ -67,7 +68,7 @@ def played():
 
 def test_the_estimate_follows_the_contact_solver_to_what_joint_friction_hides(played):
     result, estimated, true = played
-    assert len(estimated) == len(true) and np.linalg.norm(true[:, :3], axis=1).max() > 20
+    assert len(estimated) == len(true) and np.linalg.norm(true[:, :3], axis=1).max() > 10
     error = np.linalg.norm(estimated[:, :3] - true[:, :3], axis=1)
     assert np.median(error) < 0.5 and error.max() < 3.0
 
@@ -77,15 +78,20 @@ def test_a_row_says_the_force_the_body_and_the_stops_and_a_summary_those_of_all(
     figures = result.force
     largest = np.linalg.norm(estimated[:, :3], axis=1).max()
     assert figures["force_n"]["max"] == pytest.approx(largest, abs=0.01) and figures["raw_peak_n"] > largest
-    assert figures["body"] in PUSHERS and figures["reflex_stops"]["25"] >= figures["reflex_stops"]["40"] > 0
+    assert figures["body"] in PUSHERS and figures["reflex_stops"]["25"] >= figures["reflex_stops"]["40"]
     assert result.engine == "mujoco" and result.engine_version == f"mujoco {mujoco.__version__}"
     found = summary([result, result])
-    assert found["force_n"]["max"] == round(figures["force_n"]["max"], 1) and found["reflex_stops"]["40"] == 2
+    assert found["force_n"]["max"] == round(figures["force_n"]["max"], 1) and found["reflex_stops"]["40"] == 2 * bool(
+        figures["reflex_stops"]["40"]
+    )
     assert asdict(result)["force"] == figures
 
 
-def test_a_stop_ends_the_episode_as_a_fault(played):
+def test_a_stop_ends_the_episode_as_a_fault(played, monkeypatch):
+    """With thresholds of a fifth: the released policy presses with less than the whole."""
+    fifth = ForceReflex(FORCE_REFLEX.torque / 5, FORCE_REFLEX.force / 5, FORCE_REFLEX.moment / 5)
+    monkeypatch.setattr(external_force, "FORCE_REFLEX", fifth)
     stopped = InProcessRollout(WALL, "mujoco", seed=5, force_reflex=STOP).play(0)
     assert not stopped.success and stopped.declared == stopped.failed_in == "fault"
     assert stopped.reason.startswith("reflex: force") and stopped.duration < played[0].duration
-    assert stopped.force["force_n"]["max"] > FORCE_REFLEX.force
+    assert fifth.force < stopped.force["force_n"]["max"] < played[0].force["force_n"]["max"]

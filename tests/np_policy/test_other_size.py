@@ -15,6 +15,7 @@ from np_description.objects.choice import object_reference, place_object
 from np_description.objects.table import rows_of
 from np_description.panda import NOMINAL
 from np_description.scene import OBJECT
+from np_description.weights.header import read_metadata
 from np_perception.pose_estimation import project_keypoints
 from np_planning.collision import CollisionModel
 from np_planning.stand_off import CLEARANCE, finger_gap
@@ -26,6 +27,7 @@ from np_policy.size_generalization import (
     SIZES,
     canonical_object_position,
     find_trained_domain,
+    read_size_range,
     transfer_contact_position,
 )
 from np_policy.weights import save
@@ -125,20 +127,27 @@ def test_the_known_box_rests_where_the_object_rests():
 @pytest.mark.parametrize("factor", [0.8, 0.9, 1.1, 1.2])
 @pytest.mark.parametrize("domain", [BUMP, WALL], ids=["bump", "wall"])
 def test_the_released_weights_choose_a_contact_that_can_be_reached_at_another_size(domain, factor):
-    """As if the object had the size that they know, they choose one that is off by half the difference, or in the object."""
+    """Weights of one size would choose one that is off by half the difference, or in the object; those of a range know sizes."""
     other = sized(domain, *[factor] * 3)
     file = weights_file(PRE_CONTACT, domain)
     knowing, plain = PreContactPolicy(file, other), PreContactPolicy(file, domain)
+    least, most = read_size_range(read_metadata(file))
     rng = np.random.default_rng(0)
     for _ in range(3):
         start, goal = sample_task(other, rng)
         seen = [project_keypoints(other, pose) for pose in (start, goal)]
         chosen, unaware = knowing.propose(*seen), plain.propose(*seen)
         apart, _ = before(other, start, chosen.pose, chosen.opening)
-        assert apart == pytest.approx(CLEARANCE, abs=1e-6)
-        assert 0.0039 < nearest_finger(other, start, chosen.pose, chosen.opening) < 0.0065  # one that tilts leaves more
+        slack = 1e-6 if least == most else 1e-3  # what is trained is not exact
+        assert apart == pytest.approx(CLEARANCE, abs=slack)
+        assert (
+            0.0039 - slack < nearest_finger(other, start, chosen.pose, chosen.opening) < 0.0065
+        )  # one that tilts leaves more
         off = before(other, start, unaware.pose, unaware.opening)[0] - CLEARANCE
-        assert off * (1 - factor) > 0 and abs(off) > 0.004
+        if least < most:
+            assert abs(off) < 0.001
+        else:
+            assert off * (1 - factor) > 0 and abs(off) > 0.004
         local = matrix_from_quaternion(start.quaternion).T @ (chosen.pose.position - start.position)
         beside = np.abs(local) / other.half_size
         assert np.sort(beside)[:2].max() < 1.1  # over the face
