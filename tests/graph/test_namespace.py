@@ -33,8 +33,12 @@ def test_an_episode_under_a_namespace_with_the_users_parameters(graph, probe, tm
     request = GetParameters.Request(names=["post_timeout"])
     answer = probe._services.call(GetParameters, "lab/episode/get_parameters", request, 60.0)
     assert answer.values[0].double_value == 31.0
-    assert status.main(["--namespace", "/lab", "--seconds", "3", "--json"]) == 0
-    assert {f"/lab/{name}" for name in names} <= set(json.loads(capsys.readouterr().out))
+
+    def tabled():
+        assert status.main(["--namespace", "/lab", "--seconds", "3", "--json"]) == 0
+        return {f"/lab/{name}" for name in names} <= set(json.loads(capsys.readouterr().out))
+
+    probe.wait_until(tabled, what=f"a table of {names}")
 
 
 def test_a_table_of_states_has_errors_first_and_counts_that_are_not_0():
