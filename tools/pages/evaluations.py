@@ -77,7 +77,7 @@ def _forces(cells: list[tuple[str, str, str, Mapping]]) -> Iterator[str]:
         (task, name, *(data[kind][q] for kind in ("force_n", "raw_peak_n") for q in ("median", "q99")))
         + tuple(f"{data['reflex_stops'][n]} of {data['force_episodes']}" for n in ("40", "25"))
         for task, name, _, data in cells
-        if "force_n" in data  # recorded since 2026-11-27
+        if "force_n" in data  # a cell that was played without the force estimate has none
     ]
     if rows:
         yield "\n## Forces\n\nLargest external force of an episode, N: filtered over 10 ms, and the raw peak of the contact solver.\n\n"
