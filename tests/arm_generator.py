@@ -111,7 +111,7 @@ def motion(duration: float, seed: int):
 
 
 def record(
-    truth: Truth = Truth(), duration: float = 18.0, seed: int = 0, name: str = "synthetic", noise: int | None = None
+    truth: Truth = Truth(), duration: float = 24.0, seed: int = 0, name: str = "synthetic", noise: int | None = None
 ) -> Log:
     """A log of this motion, with the commands that the impedance law would have given for it. seed: of the motion; noise: of
     the sensors (None: follows from it)."""

@@ -48,7 +48,7 @@ def motion(time: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndar
 def record(
     truth: Truth = Truth(),
     rate: int = RATE,
-    duration: float = 20.0,
+    duration: float = 30.0,
     seed: int = 0,
     noise: int = 1,
     current: bool = False,

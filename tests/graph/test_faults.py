@@ -170,6 +170,16 @@ def test_a_silent_camera(episode):
     assert phase == "failed" and reason == "pre: no keypoints within 2 s"
 
 
+def test_a_new_episode_after_a_fault(graph, probe, episode):
+    """A controller that came back: recover, reset, and the episode runs."""
+    episode.start()
+    episode.wait_for_motion("approach")
+    graph.kill("joint_impedance")
+    assert episode.end()[0] == "fault"
+    episode.start()
+    episode.wait_for("post")
+
+
 def test_a_new_episode_after_a_restart_of_the_backend(graph, episode):
     """Its time begins anew, and what the others remember of the time before must not stand in the way."""
     episode.start()

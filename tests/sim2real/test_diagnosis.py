@@ -21,8 +21,8 @@ Z1 = Path(__file__).resolve().parents[2] / "examples" / "arms" / "z1.xml"
 REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
 
 
-def examine(truth, **how):
-    log = record(truth, **how)
+def examine(truth, seed=0):
+    log = record(truth, seed=seed)
     check_plausibility(log)
     diagnosis = explain_gap([log])
     report = make_report(diagnosis, [log], 0.0)
@@ -37,7 +37,7 @@ def chosen(diagnosis):
 # Every link 3 % heavier to turn, and torque .4 ms late: what any arm has.
 @pytest.mark.parametrize("truth, seed", [(Truth(), 0), (Truth(inertia_error=0.03, late=0.0004), 1)])
 def test_a_clean_arm_has_no_gap(truth, seed):
-    diagnosis, report = examine(truth, seed=seed)
+    diagnosis, report = examine(truth, seed)
     assert diagnosis.verdict == "no_gap"
     assert report["effects"] == [] and report["where"] == [] and abs(diagnosis.gap.shrink) < 0.05
 
@@ -110,7 +110,7 @@ def test_friction_that_takes_a_stroke_beyond_the_catalogues_is_no_presliding():
 
 
 def test_what_no_catalogue_knows_stays_unexplained():
-    diagnosis, report = examine(Truth(waviness=at(2, 1.0)), duration=24.0)
+    diagnosis, report = examine(Truth(waviness=at(2, 1.0)))
     assert diagnosis.verdict == "unexplained"
     assert any(place["module"] == "unknown" for place in report["where"])
 
@@ -127,7 +127,6 @@ def panda_log():
     return explain_gap([log], arm)
 
 
-@pytest.mark.slow
 def test_the_public_panda_log_is_predicted_where_its_joints_slide(panda_log, capsys):
     after = np.array(
         [
@@ -146,7 +145,6 @@ def test_the_public_panda_log_is_predicted_where_its_joints_slide(panda_log, cap
     assert after.mean() <= 0.285
 
 
-@pytest.mark.slow
 def test_joints_2_and_3_of_the_public_panda_log_stay_unexplained(panda_log):
     assert {1, 2} <= set(panda_log.unexplained)
 
@@ -167,13 +165,11 @@ def z1_log():
     return explain_gap([log], arm)
 
 
-@pytest.mark.slow
 def test_the_z1_shows_no_asymmetry_of_its_friction(z1_log):
     named = {f.effect.id for f in chosen(z1_log)}
     assert named and not named & {"asymmetric_coulomb_friction", "asymmetric_viscous_friction"}
 
 
-@pytest.mark.slow
 @pytest.mark.xfail(strict=True, reason="24 s of a hard push: drift and slow build-up stand in for plain friction")
 def test_the_z1_has_its_published_friction_and_damping(z1_log):
     arm, found = z1_log.context.arm, {"coulomb": [], "viscous": []}
