@@ -124,6 +124,22 @@ def test_contacts_keep_the_fingers_off_the_chosen_face(domain, hand):
     assert torch.allclose(height, torch.full_like(height, contact.CLEARANCE), atol=1e-6)
 
 
+@pytest.mark.parametrize("factor", [0.8, 1.0, 1.2])
+def test_contacts_that_a_student_puts_into_the_object_come_out_before_the_same_face(factor):
+    generator = torch.Generator().manual_seed(8)
+    objects, _ = sample_tasks(BUMP, 500, generator)
+    objects = practice.scale_poses(BUMP, objects, torch.full((500, 3), factor))
+    action = 2 * torch.rand(500, contact.SIZE, generator=generator) - 1
+    action[:, 6:8] *= 0.3  # near the middle of an upper face
+    action[:, 8] = 1.0
+    position, rotation, width = contact.contact_pose(BUMP, action, objects)
+    assert torch.equal(contact.draw_out(BUMP, position, rotation, width, objects), position)
+    _, normal = contact.surface_point(BUMP, action[:, 6:], objects)
+    depth = 0.005 + 0.005 * torch.rand(500, generator=generator)
+    out = contact.draw_out(BUMP, position - depth[:, None] * normal, rotation, width, objects)
+    assert torch.allclose(out, position, atol=1e-6)
+
+
 @pytest.mark.parametrize("domain", [BUMP, WALL], ids=lambda d: d.name)
 def test_most_contacts_of_an_untrained_policy_can_be_reached(domain):
     torch.manual_seed(0)

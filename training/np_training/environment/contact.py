@@ -21,7 +21,7 @@ from np_control.kinematics import pose_distance
 from np_description.domains import Task
 from np_description.hand import BoxShape, CapsuleShape, HandShapes, Shape
 from np_description.panda import NOMINAL
-from np_planning.stand_off import CLEARANCE
+from np_planning.stand_off import CLEARANCE, retreat
 from np_training.physics.batched_kinematics import forward_kinematics, solve_ik
 from np_training.tasks.poses import Poses
 
@@ -157,16 +157,47 @@ def gripper_clearance(
     least = (centres[..., 2] - radii).amin(-1)
     down = torch.zeros(len(q), 1, 3).to(centres)
     down[:, 0, 2] = sunk
-    boxes = [(torch.tensor(b.half_size), torch.tensor(b.centre).to(centres) - down, None) for b in domain.obstacles]
-    boxes.append((objects.half_size(domain), objects.position[:, None], matrix_from_quaternion(objects.quaternion)))
-    for half_size, position, turn in boxes:
-        local = centres - position.to(centres)
-        if turn is not None:
-            local = torch.einsum("nij,nki->nkj", turn, local)
-        outside = local.abs() - half_size.to(centres).reshape(-1, 1, 3)
-        distance = outside.clamp(min=0).norm(dim=-1) + outside.amax(-1).clamp(max=0)
-        least = torch.minimum(least, (distance - radii).amin(-1))
-    return least
+    for box in domain.obstacles:
+        centre = torch.tensor(box.centre).to(centres) - down
+        least = torch.minimum(least, _box_clearance(centres, radii, torch.tensor(box.half_size), centre))
+    return torch.minimum(least, _object_clearance(domain, centres, radii, objects))
+
+
+def draw_out(
+    domain: Task,
+    position: torch.Tensor,
+    rotation: torch.Tensor,
+    width: torch.Tensor,
+    objects: Poses,
+    hand: HandShapes | None = None,
+) -> torch.Tensor:
+    """T_E positions (n, 3) m of hands that a student placed, by the approach's rule (`np_planning.stand_off.retreat`): those that touch the
+    object go out along the face's normal to where episodes begin."""
+    spheres = gripper_spheres(position, rotation, width, hand or domain.contact.hand)
+    inside = _object_clearance(domain, *spheres, objects) < 0
+    out = retreat(domain, objects.position, objects.quaternion, position, rotation, width, objects.half_size(domain))
+    return torch.where(inside[:, None], position + out, position)
+
+
+def _object_clearance(domain: Task, centres: torch.Tensor, radii: torch.Tensor, objects: Poses) -> torch.Tensor:
+    turn = matrix_from_quaternion(objects.quaternion)
+    return _box_clearance(centres, radii, objects.half_size(domain), objects.position[:, None], turn)
+
+
+def _box_clearance(
+    centres: torch.Tensor,
+    radii: torch.Tensor,
+    half_size: torch.Tensor,
+    position: torch.Tensor,
+    turn: torch.Tensor | None = None,
+) -> torch.Tensor:
+    """Least distance (n,) m of spheres at centres (n, k, 3) m with radii (k,) to boxes at position, turned by turn (n, 3, 3)."""
+    local = centres - position.to(centres)
+    if turn is not None:
+        local = torch.einsum("nij,nki->nkj", turn, local)
+    outside = local.abs() - half_size.to(centres).reshape(-1, 1, 3)
+    distance = outside.clamp(min=0).norm(dim=-1) + outside.amax(-1).clamp(max=0)
+    return (distance - radii).amin(-1)
 
 
 def gripper_spheres(

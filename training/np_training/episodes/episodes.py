@@ -200,9 +200,9 @@ def _start(
             contacts = contact.resolve(env.domain, action, objects, hand=env.hand)
         else:
             noise = env.config.conditions.keypoint_noise
-            contacts = contact.reach(
-                env.domain, *student.hand_poses(env.domain, objects, goals, noise, env.view), objects, hand=env.hand
-            )
+            position, rotation, width = student.hand_poses(env.domain, objects, goals, noise, env.view)
+            position = contact.draw_out(env.domain, position, rotation, width, objects, env.hand)
+            contacts = contact.reach(env.domain, position, rotation, width, objects, hand=env.hand)
     everyone = dataclasses.replace(contacts, feasible=torch.ones_like(contacts.feasible))
     none = torch.zeros(len(state), device=env.device)
     env.starts = env.pool(Tasks(objects, goals, none.long(), none), state, action, none, everyone)

@@ -18,7 +18,7 @@ from np_description.domains import Pose
 from np_description.scene import OBJECT
 from np_planning.collision import CloseBodies, CollisionModel
 from np_planning.rrt import PlanningBudget, PlanningError, find_path
-from np_planning.stand_off import CLEARANCE, finger_gap
+from np_planning.stand_off import retreat
 from np_planning.time_parametrization import ACCELERATION_LIMIT, join_trajectories, parametrize_path, round_corners
 
 
@@ -35,8 +35,8 @@ class ApproachConfig:
     """Parameters of the approach; m, s, rad.
 
     standoff: length of the straight parts; object_depth, surface_depth: how far hand and fingers may reach into the
-    object's estimated pose and into fixed surroundings, for estimates are not exact: a pose that reaches deeper into the object is
-    drawn out of it (`_Hand.penetration_retreat`); largest_lift: one that reaches deeper into the table is raised by up to this much; contact_speed: of the hand on the straight parts, m/s;
+    object's estimated pose and into fixed surroundings on these parts, for estimates are not exact; largest_lift: a pose that reaches
+    deeper into the table is raised by up to this much; contact_speed: of the hand on the straight parts, m/s;
     velocity, acceleration: shares of the robot's limits; postures: inverse kinematics solutions looked for;
     limit_margin: distance kept from joint limits; resolution: between postures checked. With a clearance of 5 mm and
     0.9 m of reach, postures 0.01 rad apart leave no room for a contact between them.
@@ -202,19 +202,17 @@ class _Hand:
         return np.min([self._lower, *postures], axis=0), np.max([self._upper, *postures], axis=0)
 
     def penetration_retreat(self, joints, object_pose: Pose, goal: Pose, opening: float) -> np.ndarray:
-        """The way (3,) m to where the fingers stand before the object's face as in training, along that face's normal, if the hand at
-        joints (7,) rad is deeper in the object than it may be; else zeros.
+        """The way (3,) m out of the object (`stand_off.retreat`) of a hand that would touch it at joints (7,) rad; zeros where none would.
 
-        A policy that chooses a contact where none of its training began puts the hand into the object now and then.
+        A student misses its teacher's contact by some millimetres, and where none of its training began, by more.
         """
-        depths = [-t.distance for t in self.collision.touches(joints) if t.by_tool and OBJECT in (t.first, t.second)]
-        if max(depths, default=0.0) <= self.config.object_depth:
+        touches = self.collision.touches(joints)
+        if not any(t.distance < 0 and t.by_tool and OBJECT in (t.first, t.second) for t in touches):
             return np.zeros(3)
         rotation = matrix_from_quaternion(goal.quaternion)
-        apart, normal = finger_gap(
+        return retreat(
             self.collision.domain, object_pose.position, object_pose.quaternion, goal.position, rotation, opening
         )
-        return max(0.0, CLEARANCE - apart) * normal
 
     def table_clearance(self, joints) -> float:
         """How far m the hand has to be raised so that it is no deeper in fixed surroundings than it may be."""

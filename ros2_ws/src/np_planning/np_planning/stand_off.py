@@ -22,14 +22,23 @@ def array_like(constant, array):
     )
 
 
-def finger_gap(domain: Task, position, quaternion, hand, rotation, opening):
+def retreat(domain: Task, position, quaternion, hand, rotation, opening, half_size=None):
+    """The way (..., 3) m, along the face's normal, from a hand that touches the object to where training lets it stand; zeros for fingers
+    that are that far away. Arguments as of `finger_gap`."""
+    apart, normal = finger_gap(domain, position, quaternion, hand, rotation, opening, half_size)
+    return (CLEARANCE - apart).clip(min=0.0)[..., None] * normal
+
+
+def finger_gap(domain: Task, position, quaternion, hand, rotation, opening, half_size=None):
     """How far (...) m the fingers of a hand are from the plane of the face before which it stands, negative beyond it; the normal
     (..., 3) of that face, which is the one that the ray from the object's centre to the hand leaves.
 
-    position (..., 3) m, quaternion (..., 4): of the object; hand (..., 3) m, rotation (..., 3, 3): T_E; opening (...) m of each finger.
-    All in the base frame.
+    position (..., 3) m, quaternion (..., 4): of the object; hand (..., 3) m, rotation (..., 3, 3): T_E; opening (...) m of each finger;
+    half_size (..., 3) m: of the object, where it is not the domain's. All in the base frame.
     """
     turn, half = matrix_from_quaternion(quaternion), array_like(domain.half_size, hand)
+    if half_size is not None:
+        half = half_size
     local = ((hand - position)[..., None] * turn).sum(-2)
     face = array_like(np.eye(3), hand)[abs(local / half).argmax(-1)]
     outwards = face * (1.0 - 2.0 * (local < 0))
