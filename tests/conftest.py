@@ -59,6 +59,14 @@ def pytest_sessionfinish(session):
 GRAPHS = ("graph", "contract", "replay", "driver", "camera")  # folders of tests that start processes
 
 
+def pytest_ignore_collect(collection_path, config):
+    """Where only tests in real time are asked for, nothing is imported but graph tests."""
+    others = (
+        collection_path.parent == ROOT / "tests" and collection_path.is_dir() and collection_path.name not in GRAPHS
+    )
+    return True if others and config.option.markexpr.startswith("real_time") else None
+
+
 def pytest_collection_modifyitems(items):
     """Mark the tests of a graph in real time, which need the machine to themselves; run the longest files first."""
     for item in items:
