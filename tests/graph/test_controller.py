@@ -10,7 +10,7 @@ from geometry_msgs.msg import PoseStamped
 from graph_tools import TIMEOUT
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
 from np_common.rotations import quaternion_from_matrix
@@ -245,11 +245,12 @@ def test_in_a_fault_the_target_goes_along_with_the_arm(start, state, probe):
 
 
 class FollowingArm:
-    """Goes where the controller wants it, a period at a time. Nobody waits for ticks, as in real time."""
+    """Goes where the controller wants it, a period at a time. Nobody waits for ticks, as in real time. heartbeat: sent with each state."""
 
-    def __init__(self, start, state, probe):
-        start(tick_barrier=False)
+    def __init__(self, start, state, probe, **parameters):
+        start(tick_barrier=False, **parameters)
         self._state, self._probe, self.stamp, self.joints = state, probe, 0, NOMINAL.ready
+        self.heartbeat = ""
         self.step()  # the first state is a beginning, which an episode has to come after
 
     def step(self, periods=1):
@@ -257,6 +258,8 @@ class FollowingArm:
         for _ in range(periods):
             self.stamp += PERIOD
             self._probe.messages["effort_command"].clear()
+            if self.heartbeat:
+                self._probe.publish("episode/heartbeat", String(data=self.heartbeat))
             self._state(self.stamp, self.joints)
             self.joints = answered(self._probe, self.stamp)[0]
         return self.joints
@@ -285,6 +288,17 @@ def test_the_end_of_an_episode_stops_an_arm_on_its_way_and_late_plans_are_refuse
     probe.publish("joint_trajectory", plan(0, [0.0, 2.0], goal), qos.EVENT)
     arm.until(lambda joints: (joints > NOMINAL.ready + 0.1).all(), "the way")
     say(probe, "failed", "approach: stopped on request")
+    rest = comes_to_rest(arm)
+    assert (rest < NOMINAL.ready + 0.3).all()
+    probe.publish(
+        "joint_trajectory", trajectory_message(0, JOINT_NAMES, [0.0, 1.0], [rest, goal], np.zeros((2, 7))), qos.EVENT
+    )
+    counted(probe, "refused_state")
+    np.testing.assert_array_equal(arm.step(50), rest)
+
+
+def comes_to_rest(arm):
+    """Its joints then."""
     before = None
 
     def rests(joints):
@@ -293,13 +307,20 @@ def test_the_end_of_an_episode_stops_an_arm_on_its_way_and_late_plans_are_refuse
         return is_still
 
     arm.until(rests, "rest")
-    rest = arm.joints
-    assert (rest < NOMINAL.ready + 0.3).all()
-    probe.publish(
-        "joint_trajectory", trajectory_message(0, JOINT_NAMES, [0.0, 1.0], [rest, goal], np.zeros((2, 7))), qos.EVENT
-    )
-    counted(probe, "refused_state")
-    np.testing.assert_array_equal(arm.step(50), rest)
+    return arm.joints
+
+
+def test_without_heartbeats_an_arm_on_its_way_comes_to_rest(start, state, probe):
+    probe.advertise("episode/heartbeat", String)
+    arm = FollowingArm(start, state, probe, mode="realtime")
+    for arm.heartbeat in ("pre", "approach"):
+        say(probe, arm.heartbeat)
+        arm.step(2)
+    probe.publish("joint_trajectory", plan(0, [0.0, 2.0], NOMINAL.ready + 0.4), qos.EVENT)
+    arm.until(lambda joints: (joints > NOMINAL.ready + 0.1).all(), "the way")
+    arm.heartbeat = ""
+    assert (comes_to_rest(arm) < NOMINAL.ready + 0.3).all()
+    counted(probe, "refused_heartbeat")
 
 
 def test_after_a_fault_the_arm_is_held_again(arm, state, probe):

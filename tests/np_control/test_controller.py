@@ -387,6 +387,71 @@ def test_a_driver_that_comes_in_the_middle_of_an_episode_follows_from_the_next_o
     following.trajectory(quintic(READY + 0.3, 1.0))
 
 
+def lead(following, phase):
+    """As far as a phase, its owner alive."""
+    for each in dict.fromkeys(("pre", phase)):
+        following.enter(each)
+
+
+@given(st.integers(1, 500), st.sampled_from(["approach", "excite"]))
+@settings(max_examples=8, deadline=None, derandomize=True)
+def test_the_arm_is_at_rest_within_300_ms_of_the_last_heartbeat(last, phase):
+    """At up to 1.5 rad/s, wherever on the way the owner of the phase dies."""
+    arm = Arm(Controller())
+    following, losses = RealtimeCommandInput(arm.controller), []
+    lead(following, phase)
+    following.trajectory(quintic(READY + 0.8 * np.array([1, 0.5, 1, -0.5, 1, 1, 1]), 1.0))
+    for period in range(last + 200):
+        if period <= last:
+            following.heartbeat(phase)
+        try:
+            following.check_owner()
+        except Refusal as refusal:
+            losses.append(refusal)
+        arm.step()
+        if period > last + 150:
+            assert np.abs(arm.dq).max() < LIMITS.rest_speed
+    assert len(losses) == 1 and losses[0].reason is Reason.HEARTBEAT
+    assert f"episode/heartbeat in phase {phase}" in str(losses[0])
+    if phase == "approach":  # an experiment's plan is sent by the owner itself
+        with pytest.raises(Refusal, match="heartbeat"):
+            following.trajectory(quintic(arm.q, 1.0))
+
+
+@pytest.mark.parametrize("gap", [60, 63])  # periods: 120 ms, 126 ms
+def test_a_trajectory_goes_on_as_long_as_heartbeats_come(gap):
+    following = RealtimeCommandInput(controller := Controller(limits=replace(LIMITS, press=np.inf)))
+    answers(controller, 1)
+    lead(following, "approach")
+    following.trajectory(quintic(READY + 0.3, 1.0), 0)
+    for period in range(1, 500):
+        if period % gap == 0:
+            following.heartbeat("approach")
+            following.heartbeat("pre")  # of another phase than the one in force
+        try:
+            following.check_owner()
+        except Refusal:
+            assert gap == 63
+        answers(controller, 1, first=period)
+    assert (np.abs(answers(controller, 1, first=500)[0].position - READY - 0.3).max() < 1e-6) == (gap == 60)
+
+
+@pytest.mark.parametrize("phase", ["pre", "approach", "post"])
+def test_a_plan_that_comes_when_the_owner_is_no_more_is_refused(phase):
+    """Also where the owner has been started again, and says that nothing is under way."""
+    following = RealtimeCommandInput(controller := Controller())
+    answers(controller, 1)
+    lead(following, phase)
+    answers(controller, 80, first=1)
+    with pytest.raises(Refusal, match="heartbeat: expected episode/heartbeat in phase"):
+        following.trajectory(quintic(READY + 0.3, 1.0))
+    following.enter("idle")
+    with pytest.raises(Refusal, match="expected an episode under way"):
+        following.trajectory(quintic(READY + 0.3, 1.0))
+    following.enter("pre")
+    following.trajectory(quintic(READY + 0.3, 1.0))
+
+
 def test_without_an_episode_everything_is_followed():
     following = RealtimeCommandInput(controller := Controller())
     answers(controller, 1)

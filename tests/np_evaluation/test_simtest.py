@@ -103,6 +103,21 @@ def test_the_arm_stops_when_its_controller_is_killed():
     assert any(phase.startswith("fault: stopped: silence") for phase in report.phases)
 
 
+def test_the_arm_comes_to_rest_when_the_episode_is_killed_in_the_approach():
+    crash = InjectedFault("crash", 1.4, "episode", 1.0)
+    report = play(
+        replace(Plan.of(0), mode="realtime", is_recorded=False, horizon=2.5, post_timeout=0.3, faults=(crash,))
+    )
+    assert not report.violations and report.phases[:4] == ["idle", "pre", "approach", "idle"]
+    assert report.refusals["joint_impedance: refused_heartbeat"] > 0
+
+
+def test_nothing_goes_on_after_a_reset_in_the_approach_when_the_episode_has_just_been_killed():
+    faults = InjectedFault("crash", 1.35, "episode", 2.0), InjectedFault("request", 1.4, "sim_bridge/reset")
+    report = play(replace(Plan.of(0), mode="realtime", is_recorded=False, horizon=2.5, post_timeout=0.3, faults=faults))
+    assert not report.violations
+
+
 def test_a_wall_clock_that_is_set_back_ends_no_episode():
     jump = InjectedFault("clock_jump", 0.8, "", 0.0, -4.0)
     report = play(

@@ -121,6 +121,21 @@ def test_a_gap_in_the_robots_time_is_a_new_beginning(cycles):
     assert cycles.run(3) == [None] * 3
 
 
+def test_a_plan_is_broken_off_and_refused_once_the_owner_of_its_phase_is_no_more(cycles):
+    for phase in ("pre", "approach"):
+        cycles.onboard.phase(phase)
+    cycles.onboard.trajectory(goal(0.0))
+    for _ in range(3):
+        cycles.run(100)
+        cycles.onboard.heartbeat("approach")
+    cycles.run(120)
+    with pytest.raises(Refusal, match="heartbeat: expected episode/heartbeat in phase approach"):
+        cycles.run(2)
+    assert cycles.run(10)[-1] is not None  # the arm is held
+    with pytest.raises(Refusal, match="heartbeat"):
+        cycles.onboard.trajectory(goal(0.01))
+
+
 def test_what_is_refused_changes_nothing(cycles):
     with pytest.raises(Refusal, match="unpaired"):
         cycles.onboard.pose(cycles.now, forward_kinematics(Q))

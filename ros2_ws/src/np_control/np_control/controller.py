@@ -49,7 +49,7 @@ class ControllerConfig:
     """A longer time between two states, or a step no arm can make, restarts the controller, ns."""
     largest_target_age_ns: int = 500_000_000
     """An older target is refused; states are kept that long, to resolve a target at the state it answers."""
-    stop_ns: int = 200_000_000
+    stop_ns: int = 120_000_000
     """Time in which a trajectory that is broken off comes to rest, ns."""
 
 
@@ -137,6 +137,11 @@ class Controller:
     def stamp(self) -> int | None:
         """Stamp ns of the newest state."""
         return self._states[-1].stamp if self._states else None
+
+    @property
+    def follows_trajectory(self) -> bool:
+        """Whether a trajectory is under way that was not broken off."""
+        return self._trajectory is not None and self._broken_off is None
 
     def observe(self, stamp: int, q: np.ndarray, dq: np.ndarray) -> bool:
         """Take the state of `stamp` ns: q (7,) rad, dq (7,) rad/s. Returns whether it is a new beginning.

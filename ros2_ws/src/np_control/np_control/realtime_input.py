@@ -11,9 +11,11 @@ import numpy as np
 from np_control.controller import Controller
 from np_control.safety import Reason, Refusal
 from np_control.trajectory import Trajectory
-from np_description.phases import APPROACH, AT_REST, ENDS, POST, PRE
+from np_description.phases import ACTIVE, APPROACH, AT_REST, ENDS, EXCITE, IDLE, POST, PRE
 
 MOVING = (APPROACH, POST)
+HEARTBEAT_NS = 120_000_000
+"""Time without a heartbeat after which the owner of the phase counts as lost, ns: with the time of a stop the arm is at rest within 300 ms."""
 
 
 class RealtimeCommandInput:
@@ -21,7 +23,7 @@ class RealtimeCommandInput:
 
     Once an episode has ended nothing is followed until the next one begins, or something else has a phase: a
     plan that comes late was made for an arm that moves no more. Without any phase all is followed. phase: in
-    force, "" before the first.
+    force, "" before the first. Time is that of the controller's states.
     """
 
     def __init__(self, controller: Controller):
@@ -30,14 +32,20 @@ class RealtimeCommandInput:
         self.phase = ""
         self._is_open = True
         self._is_new = False  # the arm's beginning, and no phase has been heard since
+        self._heard: int | None = (
+            None  # stamp ns of the state at the last heartbeat; None: time runs from the next state
+        )
+        self._is_lost = False
 
     def enter(self, phase: str) -> None:
         """The phase in force from now on. A new episode begins with a hold; at the end of one the arm comes to
         rest."""
+        self._heard = self._controller.stamp
         if phase == self.phase:
             return
         missed = self._is_new and phase in MOVING  # the start of this episode
-        self.phase, self._is_open, self._is_new = phase, not missed and phase not in ENDS, False
+        cut_off = phase == IDLE and self.phase in ACTIVE  # the owner was restarted
+        self.phase, self._is_open, self._is_new = phase, not (missed or cut_off or phase in ENDS), False
         if phase == PRE:
             self._controller.hold()
         elif phase in AT_REST:
@@ -51,14 +59,47 @@ class RealtimeCommandInput:
         if self.phase in MOVING:
             self._is_open = False
         self._is_new = not self.phase
+        self._heard = None
+
+    def heartbeat(self, phase: str) -> None:
+        """The owner of the phase is alive; what is said of another phase than the one in force says nothing."""
+        if phase == self.phase:
+            self._heard = self._controller.stamp
+
+    def check_owner(self) -> None:
+        """Break off what the owner of the phase is no longer there to end. Call it before each state.
+
+        Up to the state before: a heartbeat may wait behind the new one in the queue. Raises Refusal(heartbeat), once for each loss.
+        """
+        was_lost = self._is_lost
+        self._is_lost = self._is_silent() and (self.phase in MOVING or self._controller.follows_trajectory)
+        if self._is_lost and not was_lost:
+            self._controller.stop()
+            raise self._silence()
+
+    def _is_silent(self) -> bool:
+        """Whether the phase has an owner, and that has said nothing for too long."""
+        stamp = self._controller.stamp
+        if stamp is None or self.phase not in (*ACTIVE, EXCITE):
+            return False
+        self._heard = stamp if self._heard is None else self._heard
+        return stamp - self._heard > HEARTBEAT_NS
+
+    def _silence(self) -> Refusal:
+        return Refusal(
+            Reason.HEARTBEAT,
+            f"expected episode/heartbeat in phase {self.phase}, got none for {HEARTBEAT_NS / 1e6:.0f} ms",
+        )
 
     def check_open(self) -> None:
-        """Raises Refusal(state) where nothing is to be followed now."""
+        """Raises Refusal where nothing is to be followed now: state, heartbeat."""
         if not self._is_open:
             raise Refusal(
                 Reason.STATE,
                 f"expected an episode under way, with the arm as it was at its start; the phase is {self.phase}",
             )
+        if self._is_silent():
+            raise self._silence()
 
     def trajectory(self, trajectory: Trajectory | None, start: int | None = None) -> None:
         """Follow a plan from the state of `start` ns on, or from now, with the gains that came since the last
@@ -66,6 +107,8 @@ class RealtimeCommandInput:
         """
         if trajectory is not None:
             gains, self._gains = self._gains, None
+            if self.phase == EXCITE:  # sent by the owner, which may have thought about it for long
+                self.heartbeat(EXCITE)
             self.check_open()
             self._controller.follow(trajectory, start, gains)
 

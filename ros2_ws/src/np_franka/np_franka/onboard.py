@@ -43,8 +43,9 @@ class Onboard:
     def answer(self, stamp: int, q: np.ndarray, dq: np.ndarray) -> ControllerOutput | None:
         """Joint target and torque for the state of `stamp` ns: q (7,) rad, dq (7,) rad/s; None while silent.
 
-        Raises Refusal(not_finite).
+        Raises Refusal: not_finite, heartbeat.
         """
+        self._following.check_owner()
         if self._controller.observe(stamp, q, dq):
             # A state the arm cannot have reached: what was followed is over.
             self._is_engaged, self._due, self._thought = False, None, None
@@ -109,6 +110,10 @@ class Onboard:
         self._following.enter(phase)
         if phase in AT_REST:
             self._due = self._thought = None
+
+    def heartbeat(self, phase: str) -> None:
+        """The owner of the phase still runs."""
+        self._following.heartbeat(phase)
 
     def _engage(self, first: ControllerOutput) -> None:
         """The first command asks for the measured posture, whatever is followed then."""

@@ -34,6 +34,7 @@ TOPICS = (
     Topic("goal_keypoints", "sensor_msgs/msg/PointCloud2", latched=True),
     Topic("keypoints", "sensor_msgs/msg/PointCloud2"),
     Topic("episode/phase", "diagnostic_msgs/msg/DiagnosticArray", stamped=False, latched=True),
+    Topic("episode/heartbeat", "std_msgs/msg/String", stamped=False, reproducible=False),
     Topic("gripper_command", "std_msgs/msg/Float64", stamped=False),
     Topic("pre_contact_pose", "geometry_msgs/msg/PoseStamped"),
     Topic("joint_trajectory", "trajectory_msgs/msg/JointTrajectory"),

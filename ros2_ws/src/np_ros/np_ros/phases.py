@@ -1,7 +1,7 @@
-"""Phase, reason and experiment as messages: `episode/tick`, `episode/phase` and `approach/refusal`.
+"""Phase, reason and experiment as messages: `episode/tick`, `episode/phase`, `episode/heartbeat` and `approach/refusal`.
 
-Each is a diagnostic_msgs/DiagnosticArray with one status, whose documented keys (docs/reference/graph.md) carry the content
-and whose message is for people. A type that every ROS 2 has: nothing has to be compiled to read it.
+Each but the heartbeat is a diagnostic_msgs/DiagnosticArray with one status, whose documented keys (docs/reference/graph.md) carry
+the content and whose message is for people. A type that every ROS 2 has: nothing has to be compiled to read it.
 """
 
 from __future__ import annotations
@@ -11,13 +11,17 @@ from collections.abc import Mapping
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.node import Node
+from std_msgs.msg import String
 
 from np_description.message_arrays import BadMessage
-from np_description.phases import FAILED, FAULT, PhaseState
+from np_description.phases import AT_REST, FAILED, FAULT, IDLE, PhaseState
 from np_ros import qos
 from np_ros.messages import header_message
+from np_ros.node import create_steady_timer
 
 EPISODE, APPROACH = "episode", "approach"
+HEARTBEAT = "episode/heartbeat"
+HEARTBEAT_PERIOD = 0.02  # s
 
 
 def phase_message(state: PhaseState, stamp: int = 0) -> DiagnosticArray:
@@ -48,12 +52,25 @@ def refusal_reason(message: DiagnosticArray) -> str:
     return values["reason"]
 
 
+def heartbeat_phase(message: String) -> str:
+    """The phase that a message of `episode/heartbeat` says is in force. Raises BadMessage (range)."""
+    try:
+        return PhaseState(message.data).phase
+    except ValueError as error:
+        raise BadMessage("range", f"{HEARTBEAT}: {error}") from error
+
+
 class PhasePublisher:
-    """Says ticks and phases for a node that owns the phases, `episode` or `excite`."""
+    """Says ticks and phases for a node that owns the phases, `episode` or `excite`; in real time also, while something is under way, that the
+    node still runs."""
 
     def __init__(self, node: Node, *, lockstep: bool):
         self._tick = node.create_publisher(DiagnosticArray, "episode/tick", qos.publisher(lockstep))
         self._phase = node.create_publisher(DiagnosticArray, "episode/phase", qos.LATCHED)
+        self._in_force = IDLE
+        if not lockstep:
+            self._heartbeat = node.create_publisher(String, HEARTBEAT, qos.publisher(lockstep))
+            create_steady_timer(node, HEARTBEAT_PERIOD, self._beat)
 
     def tick(self, stamp: int, state: PhaseState) -> None:
         """The policy tick of stamp ns, from which on `state` is in force."""
@@ -61,7 +78,12 @@ class PhasePublisher:
 
     def phase(self, state: PhaseState) -> None:
         """`state` is in force from now on."""
+        self._in_force = state.phase
         self._phase.publish(phase_message(state))
+
+    def _beat(self) -> None:
+        if self._in_force not in AT_REST:
+            self._heartbeat.publish(String(data=self._in_force))
 
     def wait_until_heard(self, seconds: float) -> None:
         """Wait until every subscriber has the last phase, at most so many s."""

@@ -11,7 +11,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
-from std_msgs.msg import Float64MultiArray, Header
+from std_msgs.msg import Float64MultiArray, Header, String
 from trajectory_msgs.msg import JointTrajectory
 
 from np_common.rotations import matrix_from_quaternion
@@ -21,7 +21,7 @@ from np_description.message_arrays import BadMessage, gains_array, pose_arrays, 
 from np_description.panda import BASE_FRAME, JOINT_NAMES
 from np_description.phases import PhaseState
 from np_ros import qos
-from np_ros.phases import phase_state
+from np_ros.phases import HEARTBEAT, heartbeat_phase, phase_state
 
 Pose = tuple[np.ndarray, np.ndarray]  # position (3,) m, rotation (3, 3)
 
@@ -43,6 +43,9 @@ class CommandSink(Protocol):
 
     def on_phase(self, state: PhaseState) -> None:
         """The phase of the episode."""
+
+    def on_heartbeat(self, phase: str) -> None:
+        """Real time: the owner of the phase still runs."""
 
     def refuse(self, error: BadMessage | Refusal) -> None:
         """Count a message that is not carried out."""
@@ -77,6 +80,10 @@ def subscribe(node: Node, led: CommandSink, limits: SafetyLimits, *, lockstep: b
         if (state := check(lambda: phase_state(message))) is not None:
             led.on_phase(state)
 
+    def heartbeat(message: String) -> None:
+        if (said := check(lambda: heartbeat_phase(message))) is not None:
+            led.on_heartbeat(said)
+
     def trajectory(message: JointTrajectory) -> Trajectory | None:
         times, positions, velocities = trajectory_arrays(message, JOINT_NAMES)
         # No points: a planner found no way and does not say why; the arm stays where it is.
@@ -99,3 +106,5 @@ def subscribe(node: Node, led: CommandSink, limits: SafetyLimits, *, lockstep: b
     node.create_subscription(PoseStamped, "target_pose", lambda m: read(m.header, lambda: pose(m), led.on_pose), stream)
     node.create_subscription(DiagnosticArray, "episode/tick", tick, stream)
     node.create_subscription(DiagnosticArray, "episode/phase", phase, qos.LATCHED)
+    if not lockstep:
+        node.create_subscription(String, HEARTBEAT, heartbeat, stream)

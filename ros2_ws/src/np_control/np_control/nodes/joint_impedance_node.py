@@ -68,7 +68,7 @@ class JointImpedance(Node):
             raise ValueError(
                 f"parameter policy_rate: expected a divisor of {SECOND // LIMITS.period_ns}, got {policy_rate}"
             )
-        self._waits = lockstep and barrier
+        self._waits, self._is_realtime = lockstep and barrier, not lockstep
         # In lockstep no state is ever skipped: any gap is a reset.
         gap = LIMITS.period_ns if lockstep else ControllerConfig.largest_gap_ns
         self._controller = Controller(
@@ -103,6 +103,7 @@ class JointImpedance(Node):
         try:
             stamp = stamp_nanoseconds(message.header.stamp)
             q, dq, _ = joint_state_arrays(message, STATE_NAMES)
+            self._check_owner()
             if self._is_fault:
                 self._controller.release()
             if self._controller.observe(stamp, q[:7], dq[:7]):
@@ -118,6 +119,13 @@ class JointImpedance(Node):
             self._publish(self._controller.answer())  # the state was published again: so is its answer
         else:
             self._answer()
+
+    def _check_owner(self) -> None:
+        if self._is_realtime:
+            try:
+                self._following.check_owner()
+            except Refusal as refusal:
+                self.refuse(refusal)
 
     def _answer(self) -> None:
         """Answer the newest state, unless it has been, or something it waits for is missing."""
@@ -200,6 +208,12 @@ class JointImpedance(Node):
         if self._waits:
             self._gate.tick(stamp, state)
             self._answer()
+        else:
+            self._following.heartbeat(state.phase)
+
+    def on_heartbeat(self, phase: str) -> None:
+        """The owner of the phase still runs."""
+        self._following.heartbeat(phase)
 
     def on_phase(self, state: PhaseState) -> None:
         """A stopped arm is not where its target was: the target goes along with it until the fault is

@@ -27,6 +27,7 @@ class Reason(StrEnum):
     UNREACHABLE = "unreachable"  # a target pose that inverse kinematics cannot meet
     TRAJECTORY = "trajectory"  # malformed trajectory
     START = "start"  # first joint target is not the measured position
+    HEARTBEAT = "heartbeat"  # the node that owns the phase is silent
     STATE = "state"  # not in a state that takes commands
     NOT_AT_REST = "not_at_rest"  # recovery while the arm still moves
 

@@ -156,6 +156,7 @@ TARGETS = BackendCommands(
         "/joint_trajectory": "trajectory_msgs/msg/JointTrajectory",
         "/episode/tick": "diagnostic_msgs/msg/DiagnosticArray",
         "/episode/phase": "diagnostic_msgs/msg/DiagnosticArray",
+        "/episode/heartbeat": "std_msgs/msg/String",
     },
     published={"/effort_command": "sensor_msgs/msg/JointState"},
     stay=target,

@@ -21,7 +21,7 @@ from np_ros.phases import phase_state
 PROMISED = {
     "torque": "graph.md, Refused commands and watchdogs: torque, torque rate",
     "range": "graph.md, Refused commands and watchdogs: soft walls, speed",
-    "rest": "graph.md, Refused commands and watchdogs: 200 ms without a command, stop, fault",
+    "rest": "graph.md, Refused commands and watchdogs: 200 ms without a command, stop, fault, no episode/heartbeat",
     "reflex": "driver.md, force reflex",
     "motion": "graph.md, Goals: a goal is accepted before anything moves",
     "recover": "graph.md, Refused commands and watchdogs: only recover resumes",
@@ -58,7 +58,7 @@ class Invariants:
 
     def __init__(self, domain: Task, clock: Scheduler, node: Callable[[str], Node | None], log: Callable[[str], None]):
         self._domain, self._clock, self._node, self._log = domain, clock, node, log
-        self.steps = self._reset_at = 0
+        self.steps = self._unowned = 0  # in all; since `episode` has ended
         self.violations: dict[str, str] = {}
         self.phases: list[PhaseState] = []
         self.pushed_until = self.recover_asked = self.sight_bad_until = 0
@@ -84,7 +84,6 @@ class Invariants:
         """The arm stands at a new task."""
         self._torque, self._held_since = np.zeros(7), None
         self.is_acknowledged = self._moves = False
-        self._reset_at = self.steps
 
     def on_step(self, torque: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
         """One period: torque (7,) Nm that was applied, true joints (9,) rad, m and velocities (9,) after it."""
@@ -104,9 +103,10 @@ class Invariants:
             self.violate("reflex", f"{bridge._simulation.reflex}, and the arm is {bridge._filter.state}")
         speed = float(np.abs(dq).max())
         self._check_state(bridge, speed, is_left_alone)
-        # What was under way at the reset is broken off on its path, which takes as long as a stop.
-        is_braked = (self.steps - self._reset_at) * LIMITS.period_ns > REST
-        is_allowed = not is_braked or (self.is_acknowledged and self._moves)
+        self._unowned = 0 if self._node("episode") is not None or not is_left_alone else self._unowned + 1
+        if self._unowned * LIMITS.period_ns > REST and speed > LIMITS.rest_speed:
+            self.violate("rest", f"{speed:.2f} rad/s {self._unowned * LIMITS.period} s after the end of episode")
+        is_allowed = self.is_acknowledged and self._moves
         if speed > LIMITS.rest_speed and is_left_alone and not is_allowed:
             self.violate(
                 "motion", f"{speed:.2f} rad/s, goal acknowledged: {self.is_acknowledged}, started: {self._moves}"

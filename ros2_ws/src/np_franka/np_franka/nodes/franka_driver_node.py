@@ -164,6 +164,10 @@ class FrankaDriver(Node):
         """On board: the phase of the episode."""
         self._driver.onboard.phase(state.phase)
 
+    def on_heartbeat(self, phase: str) -> None:
+        """On board: the owner of the phase still runs."""
+        self._driver.onboard.heartbeat(phase)
+
     def _lead(self, action: Callable[[Onboard], None]) -> None:
         try:
             self._driver.filter.watchdog.check_may_move()

@@ -21,6 +21,7 @@ from sim2real.effects.patch import Patch, load_patch
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
+from np_control.controller import ControllerConfig
 from np_control.safety import Refusal, SafetyFilter, State
 from np_description.calibration import calibrated_camera
 from np_description.drawing.meshes import load_visual_model
@@ -264,7 +265,9 @@ class Bridge(Node):
     def _reset(self) -> str:
         if not self._filter.watchdog.may_move:
             raise ValueError(f"cannot reset: {self._filter.state} ({self._filter.watchdog.cause}); recover first")
-        stamp = self._schedule.next_policy_tick(self._simulation.stamp)
+        # A gap by which every controller begins anew, wherever the arm was.
+        gap = PERIOD if self._lockstep else ControllerConfig.largest_gap_ns
+        stamp = self._schedule.next_policy_tick(self._simulation.stamp + gap)
         self._simulation.reset(self._next_episode, stamp)
         if self._camera is not None:
             self._camera.begin()
