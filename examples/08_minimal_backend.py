@@ -1,5 +1,5 @@
 """A backend in real time that keeps the contract of docs/reference/graph.md: seven joints that know nothing of each other.
-`Arm` is where a robot of your own belongs; everything else stays. Run: python examples/08_minimal_backend.py"""
+`YourArm` is where a robot of your own belongs; everything else stays. Run: python examples/08_minimal_backend.py"""
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -20,7 +20,7 @@ PERIOD = LIMITS.period_ns
 BAD = {State.HOLDING: DiagnosticStatus.WARN} | dict.fromkeys((State.STOPPED, State.FAULT), DiagnosticStatus.ERROR)
 
 
-class Arm:
+class YourArm:
     """Joints q (7,) rad, dq (7,) rad/s; two fingers, m. Torques are without gravity, as a robot that compensates its own."""
 
     def __init__(self):
@@ -42,7 +42,7 @@ class MinimalBackend(Node):
 
     def __init__(self):
         super().__init__("minimal_backend")
-        self._arm, self._filter, self._stamp = Arm(), SafetyFilter(), 0
+        self._arm, self._filter, self._stamp = YourArm(), SafetyFilter(), 0
         self._filter.start(self._arm.q)
         self.diagnostics = Diagnostics(self)
         out, into = qos.publisher(lockstep=False), qos.subscriber(lockstep=False)

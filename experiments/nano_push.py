@@ -6,7 +6,7 @@ The packages give what a robot shares with training: scene, physics, task, actio
 rest: episodes, observation, reward, curriculum, PPO. It leaves out what np_training adds for the real arm: a learned pre-contact
 policy, images, randomisation, force limits, several GPUs. Every hand starts over a random point of the card's upper face.
 
-Read it from top to bottom: Push is the environment, ActorCritic the networks, learn() one update, main() the loop.
+Read it from top to bottom: PushWorlds is the environment, PolicyAndValue the networks, learn() one update, main() the loop.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def residual_limits(stage: int) -> actions.ResidualLimits:
     )
 
 
-class Push:
+class PushWorlds:
     """Many cards on many tables, one policy step at a time."""
 
     def __init__(self, worlds: int, device: str, seed: int) -> None:
@@ -157,7 +157,7 @@ def mlp(inputs: int, outputs: int) -> nn.Sequential:
     return nn.Sequential(*layers, nn.Linear(sizes[-1], outputs))
 
 
-class ActorCritic(nn.Module):
+class PolicyAndValue(nn.Module):
     """A Gaussian policy and a value function, with inputs normalised by what has been seen."""
 
     def __init__(self, inputs: int, outputs: int) -> None:
@@ -189,7 +189,7 @@ def estimate_advantages(
     return result
 
 
-def learn(model: ActorCritic, optimiser: torch.optim.Adam, batch: dict[str, torch.Tensor]) -> dict[str, float]:
+def learn(model: PolicyAndValue, optimiser: torch.optim.Adam, batch: dict[str, torch.Tensor]) -> dict[str, float]:
     """Several epochs of PPO over one batch of (n, ...) tensors; the mean losses and divergence of the last epoch."""
     model.eval()  # the normalisation stays as it was in the rollout: else the ratio would not begin at one
     advantage = batch["advantage"]
@@ -221,7 +221,7 @@ def learn(model: ActorCritic, optimiser: torch.optim.Adam, batch: dict[str, torc
 # --- The loop: collect, learn, tighten ----------------------------------------------------------------------------------------
 
 
-def collect(env: Push, model: ActorCritic, steps: int) -> tuple[dict[str, torch.Tensor], int, int]:
+def collect(env: PushWorlds, model: PolicyAndValue, steps: int) -> tuple[dict[str, torch.Tensor], int, int]:
     """A rollout as one batch for `learn`; how many episodes ended in it, and how many of them in success."""
     names = ("state", "action", "log_probability", "value", "reward", "done")
     data: dict[str, list[torch.Tensor]] = {name: [] for name in names}
@@ -276,8 +276,8 @@ def main(words: list[str] | None = None) -> list[dict[str, float]]:
     options = parser.parse_args(words)
     options.out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(options.seed)
-    env = Push(options.worlds, options.device, options.seed)
-    model = ActorCritic(env.observe().shape[1], actions.SIZE).to(options.device)
+    env = PushWorlds(options.worlds, options.device, options.seed)
+    model = PolicyAndValue(env.observe().shape[1], actions.SIZE).to(options.device)
     optimiser = torch.optim.Adam(model.parameters(), lr=3e-4, eps=1e-5)
     stage, success, counted, steps, rows = 0, 0.0, 0, 0, []
     begin = time.monotonic()

@@ -21,7 +21,7 @@ def test_a_run_leaves_log_curve_and_policy(tmp_path):
 
 def test_learning_lowers_the_losses_of_a_batch_and_makes_better_actions_likelier():
     torch.manual_seed(0)
-    model = nano_push.ActorCritic(4, 2)
+    model = nano_push.PolicyAndValue(4, 2)
     optimiser = torch.optim.Adam(model.parameters(), lr=1e-3)
     state, action = torch.randn(512, 4), torch.randn(512, 2)
     with torch.no_grad():

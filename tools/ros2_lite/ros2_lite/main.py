@@ -25,7 +25,7 @@ def real_ros2(path: str, own: Path) -> str | None:
     return None
 
 
-class Parser(argparse.ArgumentParser):
+class CommandParser(argparse.ArgumentParser):
     """Says what is wrong in one line, and of what is not here who has it."""
 
     def error(self, message: str) -> NoReturn:
@@ -35,7 +35,7 @@ class Parser(argparse.ArgumentParser):
 
 def parser() -> argparse.ArgumentParser:
     """The command line; names and meaning as in ros2cli."""
-    root = Parser(prog="ros2", description="A small part of the ros2 command.")
+    root = CommandParser(prog="ros2", description="A small part of the ros2 command.")
     commands = root.add_subparsers(dest="command", required=True, metavar="command")
 
     run = commands.add_parser("run", help="run an executable of a package")

@@ -45,11 +45,11 @@ def bridge_class(watch: Invariants, disturbance: ArmDisturbance) -> type[Bridge]
     """The class of `sim_bridge` over an engine that is watched and disturbed."""
     engine = type("Engine", (_WatchedEngine,), {"watch": watch, "disturbance": disturbance})
 
-    class SimBridge(Bridge):
-        """As np_sim_bridge's."""
+    class WatchedBridge(Bridge):
+        """As np_sim_bridge.nodes.sim_bridge_node.SimBridge, over the watched engine."""
 
         def __init__(self):
             watch.on_start()
             super().__init__("sim_bridge", engine)
 
-    return SimBridge
+    return WatchedBridge
