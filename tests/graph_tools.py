@@ -18,12 +18,10 @@ import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from threading import Thread
 
 import rclpy
-from forked_nodes import FORKED, ForkedNode
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from sensor_msgs.msg import PointCloud2
 
@@ -33,12 +31,10 @@ from np_ros import qos
 from np_ros.client.connection_status import ConnectionStatus
 from np_ros.client.graph_client import GraphClient
 from np_ros.processes.graph import NodeSpec
-from np_ros.processes.supervisor import Supervisor, installed_command, prepare_process
+from np_ros.processes.supervisor import Supervisor, installed_command
 
 Overrides = Mapping[str, Mapping[str, object]]
 ROOT = Path(__file__).resolve().parents[1]
-# In real time these lock their memory; forked, they would copy and lock all that the process before them has imported.
-_LOCK_MEMORY = ("joint_impedance", "sim_bridge")
 TIMEOUT = 120.0  # s; only how long a broken graph takes to fail, never a requirement on speed
 
 
@@ -77,15 +73,6 @@ class Graph(Supervisor):
         specs = [specs] if isinstance(specs, NodeSpec) else list(specs)
         super().start(specs, environment)
         self._specs.update({spec.name: spec for spec in specs})
-
-    def _launch(self, spec, command, environment, log):
-        module = f"{spec.package}.nodes.{spec.executable}_node"
-        locks_memory = spec.parameters.get("mode") == "realtime" and spec.executable in _LOCK_MEMORY
-        # The process that forks has loaded its own middleware.
-        if module not in FORKED or locks_memory or "RMW_IMPLEMENTATION" in environment:
-            return super()._launch(spec, command, environment, log)
-        prepare = partial(prepare_process, nice=spec.nice, realtime=spec.realtime)
-        return ForkedNode(module, self._ros_arguments(spec), log, environment, prepare)
 
     def bring_to(self, specs: Sequence[NodeSpec]) -> set[str]:
         """Stop and start nodes until these run and no others; who runs as wanted is left alone. The names."""

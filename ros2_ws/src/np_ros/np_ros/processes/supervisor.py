@@ -143,23 +143,17 @@ class Supervisor:
             if spec.name in self._processes:
                 raise ValueError(f"node name {spec.name}: expected a new one, it is running")
             with open(self.log_directory / f"{spec.name}.log", "w") as log:
-                variables = {**_UNASKED, **os.environ, **self.environment, **(environment or {})}
-                self._processes[spec.name] = self._launch(spec, command, variables, log)
-
-    def _launch(
-        self, spec: NodeSpec, command: Sequence[str], environment: Mapping[str, str], log: TextIO
-    ) -> subprocess.Popen:
-        return subprocess.Popen(
-            [*command, *self._ros_arguments(spec)],
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            env=environment,
-            # Own session: Ctrl-C in the terminal reaches only us, who stop the nodes in order.
-            # If we are killed outright, the kernel ends the nodes.
-            start_new_session=True,
-            preexec_fn=partial(prepare_process, os.getpid(), spec.nice, spec.realtime),
-        )
+                self._processes[spec.name] = subprocess.Popen(
+                    [*command, *self._ros_arguments(spec)],
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=subprocess.STDOUT,
+                    env={**_UNASKED, **os.environ, **self.environment, **(environment or {})},
+                    # Own session: Ctrl-C in the terminal reaches only us, who stop the nodes in order.
+                    # If we are killed outright, the kernel ends the nodes.
+                    start_new_session=True,
+                    preexec_fn=partial(_prepare, os.getpid(), spec.nice, spec.realtime),
+                )
 
     def pid(self, name: str) -> int:
         """Process id of a running node."""
@@ -245,8 +239,8 @@ class Supervisor:
         return arguments
 
 
-def prepare_process(parent: int, nice: int, realtime: int) -> None:
-    """Set up a new process before it executes the node, so that the middleware's threads inherit it all."""
+def _prepare(parent: int, nice: int, realtime: int) -> None:
+    """Set up the new process before it executes the node, so that the middleware's threads inherit it all."""
     end_with_parent()
     if os.getppid() != parent:  # it died before we could ask to be told
         os._exit(128 + signal.SIGTERM)
