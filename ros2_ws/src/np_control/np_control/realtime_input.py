@@ -32,9 +32,8 @@ class RealtimeCommandInput:
         self.phase = ""
         self._is_open = True
         self._is_new = False  # the arm's beginning, and no phase has been heard since
-        self._heard: int | None = (
-            None  # stamp ns of the state at the last heartbeat; None: time runs from the next state
-        )
+        # Stamp ns of the state at the last heartbeat; None: time runs from the next state.
+        self._heard: int | None = None
         self._is_lost = False
 
     def enter(self, phase: str) -> None:

@@ -36,9 +36,8 @@ def finger_gap(domain: Task, position, quaternion, hand, rotation, opening, half
     position (..., 3) m, quaternion (..., 4): of the object; hand (..., 3) m, rotation (..., 3, 3): T_E; opening (...) m of each finger;
     half_size (..., 3) m: of the object, where it is not the domain's. All in the base frame.
     """
-    turn, half = matrix_from_quaternion(quaternion), array_like(domain.half_size, hand)
-    if half_size is not None:
-        half = half_size
+    turn = matrix_from_quaternion(quaternion)
+    half = array_like(domain.half_size, hand) if half_size is None else half_size
     local = ((hand - position)[..., None] * turn).sum(-2)
     face = array_like(np.eye(3), hand)[abs(local / half).argmax(-1)]
     outwards = face * (1.0 - 2.0 * (local < 0))
