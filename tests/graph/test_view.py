@@ -93,7 +93,7 @@ def test_the_page_draws_the_episode_in_a_browser(page):
     succeeded = '<div id="phase">succeeded</div>'
     for _ in range(5):  # the browser's time runs on while a busy machine has not sent the episode yet
         done = subprocess.run(
-            [BROWSER, *flags, page + "?time=2.9"], capture_output=True, text=True, timeout=2 * TIMEOUT
+            [BROWSER, *flags, page + "?time=2.9&expected"], capture_output=True, text=True, timeout=2 * TIMEOUT
         )
         if succeeded in done.stdout:
             break
@@ -102,6 +102,7 @@ def test_the_page_draws_the_episode_in_a_browser(page):
     assert drawn > 15  # capsules, and the faces of object and goal that can be seen
     assert re.search(r'<div id="error">\d+\.\d mm, \d+\.\d degrees from the goal', done.stdout)
     assert re.search(r'<img id="camera"[^>]*src="http[^"]*image.jpg\?time=2.9"', done.stdout)
+    assert '<div id="seen" class="large"' in done.stdout and done.stdout.count("<line ") > 10
 
 
 def test_a_late_viewer_shows_the_goal_of_the_episode_not_the_one_that_is_latched(graph, probe):

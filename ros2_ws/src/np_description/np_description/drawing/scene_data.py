@@ -5,7 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from np_description.camera import CAMERA
 from np_description.domains import Pose, Task
+from np_description.drawing.expected_view import expected_outlines
 from np_description.drawing.meshes import CANVAS, load_visual_model
 from np_description.drawing.robot import WORLD, robot_bodies, visual_shapes
 from np_description.panda import BASE_FRAME, STATE_NAMES
@@ -30,7 +32,8 @@ class SceneData:
 
     def scene(self) -> dict:
         """bodies: names in the order of poses; shapes: body, kind, size m, pose in the body's frame, rgba 0..1; of a mesh
-        vertices, x, y, z m in that pose, and triangles, three numbers of vertices each."""
+        vertices, x, y, z m in that pose, and triangles, three numbers of vertices each; expected_view: outlines px in an image
+        of the size px that the policies' camera has."""
         drawn = [
             {
                 "body": self.bodies.index(shape.body),
@@ -48,7 +51,14 @@ class SceneData:
         ]
         goal = {"body": self.bodies.index(GOAL), "kind": "box", "size": list(self.domain.half_size)}
         drawn.append({**goal, "pose": [0, 0, 0, 1, 0, 0, 0], "rgba": [0.2, 0.8, 0.3, 0.25]})
-        return {"domain": self.domain.name, "base_frame": BASE_FRAME, "bodies": self.bodies, "shapes": drawn}
+        view = {"size": [CAMERA.width, CAMERA.height], "lines": expected_outlines(self.domain).round(1).tolist()}
+        return {
+            "domain": self.domain.name,
+            "base_frame": BASE_FRAME,
+            "bodies": self.bodies,
+            "shapes": drawn,
+            "expected_view": view,
+        }
 
     def poses(self, joints: np.ndarray, body: Pose | None, goal: Pose | None) -> list[list[float] | None]:
         """Pose of each body for joints (9,): x, y, z m and w, x, y, z; None for an unknown object or goal."""
