@@ -129,7 +129,7 @@ def explain_gap(
         constant = None
     context = make_context(known, arm, len(reference), constant, laid_aside)
     design = estimate_loop_delay(make_regression(context))
-    search = ModelSearch(design)
+    search = ModelSearch(design) if quick else ModelSearch(design).with_background()
     search, chosen = refine_nonlinear_parameters(search, search.run(*((1, 1) if quick else ())))
     chosen = chosen if quick else search.use_curves(chosen)
     chosen, held_out = keep_what_helps(search, chosen, seed)

@@ -1,4 +1,4 @@
-"""A simpler effect takes another's place only where it is an effect: a search whose models and verdicts are given."""
+"""What a model begins with and what it may lose: a search whose models and verdicts are given."""
 
 from types import SimpleNamespace
 
@@ -16,7 +16,7 @@ class Given(ModelSearch):
     negligible: tuple[int, ...] = ()
 
     def model(self, members):
-        return ScoredModel(members, np.array([NATS[members]]), 0.0)
+        return ScoredModel(members, np.array([NATS.get(members, 270.0)]), 0.0)
 
     def rank_candidates(self, parent, count):
         return [DELAY, ELASTICITY, BACKLASH]
@@ -46,3 +46,19 @@ def test_what_any_arm_has_takes_no_effects_place(negligible, left):
     """A delay that every loop has predicted by 1,700 nats more than a soft gear, took its place, and was then dropped: `no_gap`."""
     chosen = search(negligible)
     assert chosen.prune(chosen.model((ELASTICITY,))).members == left
+
+
+@pytest.mark.parametrize("needed", [(0, 1), (1,), ()])
+def test_friction_is_a_background_where_every_joint_needs_its_curve(needed):
+    """The joints need a curve each; the first may then have no law of friction besides, but other effects."""
+    names = (("friction_curve", 0), ("friction_curve", 1), ("coulomb_friction", 0), ("torque_ripple", 0))
+    candidates = [
+        SimpleNamespace(ids=np.arange(2), effect=SimpleNamespace(id=name, component="arm"), joint=joint, place=joint)
+        for name, joint in names
+    ]
+    found = Given(SimpleNamespace(candidates=candidates, context=SimpleNamespace(arm=range(2))))
+    found.negligible = tuple({0, 1} - set(needed))
+    found = found.with_background()
+    assert found.background == (needed if len(needed) == 2 else ())
+    start = ScoredModel(found.background, np.zeros(1), 0.0)
+    assert [found.can_extend(start, n) for n in (2, 3)] == [not found.background, True]

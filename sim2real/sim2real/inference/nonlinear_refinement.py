@@ -22,15 +22,16 @@ def refine_nonlinear_parameters(search: ModelSearch, chosen: ScoredModel) -> tup
     """A search with the chosen model's shapes at their greatest likelihood, and the model that it chooses.
 
     Shapes are settled one after the other, that of the effect which says most alone first, each in a model with those
-    before it only: together with an effect that takes up its misfit, it would settle where that effect is kept.
+    before it and the background only: together with an effect that takes up its misfit, it would settle where that effect
+    is kept.
     """
     shaped = [m for m in chosen.members if search.design.candidates[m].effect.nonlinear is not None]
     if len(shaped) > 1:
-        alone = {m: _settled(search, (), m) for m in shaped}
-        shaped.sort(key=lambda m: -alone[m].value(alone[m].model((m,))))
+        alone = {m: _settled(search, search.background, m) for m in shaped}
+        shaped.sort(key=lambda m: -alone[m].value(alone[m].model((*search.background, m))))
     trial = search
     for number, m in enumerate(shaped):
-        trial = _settled(trial, tuple(shaped[:number]), m)
+        trial = _settled(trial, (*search.background, *shaped[:number]), m)
     if trial is search:
         return search, chosen
     # What lay far behind is not scored again: it has no say in the answer.

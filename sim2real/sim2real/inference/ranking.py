@@ -42,19 +42,18 @@ def pseudo_bma_weights(density: np.ndarray, prior: np.ndarray, seed: int) -> np.
 
 
 def find_competing_effects(search: ModelSearch, chosen: ScoredModel, member: int) -> tuple[str, ...]:
-    """Ids of effects that could stand in a chosen one's place without predicting clearly worse."""
+    """Ids of effects that could stand in a chosen one's place without predicting clearly worse; none for the background."""
     design, found = search.design, set()
+    if member in search.background:
+        return ()
     mine = design.candidates[member]
-    others = tuple(m for m in chosen.members if m != member)
-    taken = {(design.candidates[m].effect.id, design.candidates[m].joint) for m in chosen.members}
-    for n in search.rank_candidates(search.model(others), THRESHOLDS.search.tried):
+    others = search.model(tuple(m for m in chosen.members if m != member))
+    for n in search.rank_candidates(others, THRESHOLDS.search.tried):
         candidate = design.candidates[n]
         same_place = candidate.joint == mine.joint or candidate.joint is None or mine.joint is None
-        if not same_place or (candidate.effect.id, candidate.joint) in taken or candidate.effect.id == mine.effect.id:
+        if not same_place or candidate.effect.id == mine.effect.id or not search.can_extend(others, n):
             continue
-        if candidate.joint is None and not search.joints_affected(candidate):
-            continue
-        other = search.model((*others, n))
+        other = search.model((*others.members, n))
         if search.is_negligible(other, n):
             continue
         difference = chosen.density - other.density

@@ -48,10 +48,11 @@ class ModelSearch:
     """The models of a design, each scored when it is first asked for.
 
     tried: models by their members. intervals: (values, half widths) of the parameters of the groups that were
-    estimated (`estimates.estimate`).
+    estimated (`estimates.estimate`). background: the friction curves that every model has (`with_background`).
     """
 
     design: RegressionProblem
+    background: tuple[int, ...] = ()
     tried: dict[tuple[int, ...], ScoredModel] = field(default_factory=dict)
     intervals: dict[tuple, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     _groups: dict[tuple, tuple[HeldOutScore, float]] = field(default_factory=dict)
@@ -70,7 +71,18 @@ class ModelSearch:
 
     def with_regression(self, design: RegressionProblem, changed: int) -> ModelSearch:
         """A search of another design, which differs in the columns of one candidate only: scores without it are kept."""
-        return ModelSearch(design, _groups={k: v for k, v in self._groups.items() if changed not in k[1]})
+        kept = {k: v for k, v in self._groups.items() if changed not in k[1]}
+        return ModelSearch(design, self.background, _groups=kept)
+
+    def with_background(self) -> ModelSearch:
+        """A search that begins with a friction curve at every joint, where each joint alone needs its own.
+
+        Such friction is no fault: other effects are tested against what it leaves, each fitted together with it.
+        """
+        curves = tuple(n for n, c in enumerate(self.design.candidates) if is_curve(c))
+        nominal = self.model(())
+        is_everywhere = all(self.predicts_better(self.model((n,)), nominal) for n in curves)
+        return ModelSearch(self.design, curves if is_everywhere else (), _groups=self._groups)
 
     def groups(self, members: tuple[int, ...]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
         """(joints, members) of each group of joints that shares no parameter with the others."""
@@ -141,13 +153,13 @@ class ModelSearch:
         width: models that are grown further while they are small; later only the best one is. largest: effects of
         the largest model; None: as many as all joints may have together.
         """
-        chosen = self.model(())
+        chosen = self.model(self.background)
         front = [chosen]
         for size in range(1, (largest or SEARCH.per_joint * len(self.design.context.arm)) + 1):
             grown: dict[tuple[int, ...], ScoredModel] = {}
             for parent in front:
                 for number in self.rank_candidates(parent, SEARCH.tried if size > 1 else FIRST_TRIED):
-                    if self._is_new(parent, number):
+                    if self.can_extend(parent, number):
                         child = self.model((*parent.members, number))
                         grown[child.members] = child
             if not grown:
@@ -162,24 +174,20 @@ class ModelSearch:
             best = min(near, key=lambda s: (self._parameters(s), -self.value(s)))
             if self.predicts_better(best, chosen):
                 chosen = best
-            elif len(chosen.members) < size - 1:
+            elif len(chosen.members) - len(self.background) < size - 1:
                 break
         return self.prune(chosen)
 
     def rank_candidates(self, parent: ScoredModel, count: int) -> list[int]:
         """Candidates whose addition would raise the likelihood most (`screen.gains`), best first: `count` of them, and of
-        the empty model the best of each stage of each joint too, where it would be worth its prior: none is crowded out by
+        the first model the best of each stage of each joint too, where it would be worth its prior: none is crowded out by
         what goes on elsewhere."""
         groups = self.groups(parent.members)
         gains = screen.likelihood_gains(self.design, [(j, self.ids(j, m), self.group(j, m)[0].fit) for j, m in groups])
         # Curves are tried in the place of what was found (`use_curves`): they would crowd out the laws that they can imitate.
-        ranked = [
-            int(n)
-            for n in np.argsort(gains)[::-1]
-            if not ARM_EFFECTS[self.design.candidates[n].effect.id].special_cases
-        ]
+        ranked = [int(n) for n in np.argsort(gains)[::-1] if not is_curve(self.design.candidates[n])]
         found, seen = ranked[:count], set()
-        for n in ranked if not parent.members else ():
+        for n in ranked if parent.members == self.background else ():
             if gains[n] + self.log_prior(n) < SEARCH.gain:
                 break
             candidate = self.design.candidates[n]
@@ -252,17 +260,18 @@ class ModelSearch:
         fits = fits_by_joint(self, members)
         return [held_out_energy(cell, *fits[cell.joint]) for cell in self.design.cells]
 
-    def _is_new(self, parent: ScoredModel, number: int) -> bool:
+    def can_extend(self, parent: ScoredModel, number: int) -> bool:
+        """Whether a candidate says something that a model does not say yet, at a joint where there is room for it."""
         mine = self.design.candidates[number]
         for m in parent.members:
             other = self.design.candidates[m]
             if m == number or (
-                other.effect.id == mine.effect.id
+                mine.effect.id in (other.effect.id, *ARM_EFFECTS[other.effect.id].special_cases)
                 and other.joint == mine.joint
                 and other.effect.component == mine.effect.component
             ):
                 return False
-        here = [self.design.candidates[m] for m in (*parent.members, number)]
+        here = [self.design.candidates[m] for m in (*parent.members, number) if m not in self.background]
         crowds = [sum(c.place == j for c in here) for j in range(len(self.design.context.arm))]
         return max(crowds) <= SEARCH.per_joint and bool(mine.joint is not None or self.joints_affected(mine))
 
@@ -288,11 +297,13 @@ class ModelSearch:
             fewer = self.model(tuple(n for n in chosen.members if n != m))
             if not self.predicts_better(chosen, fewer):
                 return self.prune(fewer)
+            if m in self.background:
+                continue
             size = len(self.design.candidates[m].ids)
             simpler = {
                 n: self.model((*fewer.members, n))
                 for n in self.rank_candidates(fewer, SEARCH.tried)
-                if len(self.design.candidates[n].ids) < size and self._is_new(fewer, n)
+                if len(self.design.candidates[n].ids) < size and self.can_extend(fewer, n)
             }
             # What any arm has explains nothing in another's place, however well it predicts.
             equals = [
@@ -308,8 +319,8 @@ class ModelSearch:
         """The model with a free curve in the place of its special cases, joint by joint, where that predicts clearly better."""
         candidates, found = self.design.candidates, chosen
         for number, curve in enumerate(candidates):
-            names = ARM_EFFECTS[curve.effect.id].special_cases
-            if names:
+            if is_curve(curve) and not self.background:
+                names = ARM_EFFECTS[curve.effect.id].special_cases
                 others = (
                     m
                     for m in found.members
@@ -318,6 +329,11 @@ class ModelSearch:
                 trial = self.model((*others, number))
                 found = trial if self.predicts_better(trial, found) else found
         return found if found is chosen else self.prune(found)
+
+
+def is_curve(candidate: Candidate) -> bool:
+    """Whether a candidate is a free curve with other effects as its special cases."""
+    return bool(ARM_EFFECTS[candidate.effect.id].special_cases)
 
 
 def absorbed_by_nuisance(
