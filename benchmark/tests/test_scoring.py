@@ -96,6 +96,13 @@ def test_small_effects_are_not_asked_for_by_name():
     assert score_case(entry("single", fault("coulomb_friction", size=2.0)), report("no_gap")).effect is None
 
 
+@pytest.mark.parametrize("planted, asked", [("coulomb_friction", False), ("presliding_friction", True)])
+def test_a_law_of_friction_beside_measured_friction_is_not_asked_for(planted, asked):
+    answer = report("identified", [effect(planted, level=(0.1, 0.3))])
+    score = score_case(entry("single", fault(planted, level=0.5)), answer, has_friction=True)
+    assert (score.found, score.covered) == ((True, [False]) if asked else (None, []))
+
+
 @pytest.mark.parametrize("verdict, alarm", [("no_gap", False), ("identified", True), ("unexplained", True)])
 def test_null_cases(verdict, alarm):
     score = score_case(entry("null"), report(verdict))

@@ -67,7 +67,7 @@ def score(
 ) -> list[Score]:
     """Score the answered cases against their entries of the key."""
     scores, patches = [], []
-    for entry in entries:
+    for case, entry in zip(cases, entries, strict=True):
         folder, report, patch = report_path(options.out, entry["case"]), None, []
         error = (folder / "error.txt").read_text()
         try:
@@ -76,7 +76,7 @@ def score(
                 if options.which not in CHANGES:  # of one arm on two days no motion tells a patch from the change
                     patch = read_patch(folder / "patch.yaml")
                     patched_physics([patch])
-            scores.append(score_case(entry, report, error))
+            scores.append(score_case(entry, report, error, case.has_measured_friction))
         except (OSError, PatchError, ArithmeticError, LookupError, TypeError, ValueError) as problem:
             patch = []
             scores.append(score_case(entry, None, repr(problem)))
