@@ -49,8 +49,8 @@ def test_what_any_arm_has_takes_no_effects_place(negligible, left):
 
 
 @pytest.mark.parametrize("needed", [(0, 1), (1,), ()])
-def test_friction_is_a_background_where_every_joint_needs_its_curve(needed):
-    """The joints need a curve each; the first may then have no law of friction besides, but other effects."""
+def test_friction_is_a_background_where_most_joints_need_their_curves(needed):
+    """Of two joints both must need a curve; the first may then have no law of friction besides, but other effects."""
     names = (("friction_curve", 0), ("friction_curve", 1), ("coulomb_friction", 0), ("torque_ripple", 0))
     candidates = [
         SimpleNamespace(ids=np.arange(2), effect=SimpleNamespace(id=name, component="arm"), joint=joint, place=joint)

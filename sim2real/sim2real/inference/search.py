@@ -75,14 +75,14 @@ class ModelSearch:
         return ModelSearch(design, self.background, _groups=kept)
 
     def with_background(self) -> ModelSearch:
-        """A search that begins with a friction curve at every joint, where each joint alone needs its own.
+        """A search that begins with a friction curve at every joint, where most joints alone need their own.
 
         Such friction is no fault: other effects are tested against what it leaves, each fitted together with it.
         """
         curves = tuple(n for n, c in enumerate(self.design.candidates) if is_curve(c))
         nominal = self.model(())
-        is_everywhere = all(self.predicts_better(self.model((n,)), nominal) for n in curves)
-        return ModelSearch(self.design, curves if is_everywhere else (), _groups=self._groups)
+        needed = sum(self.predicts_better(self.model((n,)), nominal) for n in curves)
+        return ModelSearch(self.design, curves if 2 * needed > len(curves) else (), _groups=self._groups)
 
     def groups(self, members: tuple[int, ...]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
         """(joints, members) of each group of joints that shares no parameter with the others."""
