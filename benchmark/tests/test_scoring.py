@@ -103,6 +103,22 @@ def test_a_law_of_friction_beside_measured_friction_is_not_asked_for(planted, as
     assert (score.found, score.covered) == ((True, [False]) if asked else (None, []))
 
 
+@pytest.mark.parametrize(
+    "beside, has_friction, right",
+    [
+        ("backlash", False, True),
+        ("coulomb_friction", True, True),
+        ("coulomb_friction", False, False),
+        ("torque_offset", True, False),
+    ],
+)
+def test_an_effect_beside_the_planted_one_is_wrong_unless_it_is_friction_of_an_arm_that_has_some(
+    beside, has_friction, right
+):
+    answer = report("identified", [effect("backlash"), effect(beside)])
+    assert score_case(entry("single", fault("backlash")), answer, has_friction=has_friction).nothing_else is right
+
+
 @pytest.mark.parametrize("verdict, alarm", [("no_gap", False), ("identified", True), ("unexplained", True)])
 def test_null_cases(verdict, alarm):
     score = score_case(entry("null"), report(verdict))

@@ -14,6 +14,10 @@ class Given(ModelSearch):
     """What predicts by 100 nats better beats; what is negligible beats nothing."""
 
     negligible: tuple[int, ...] = ()
+    best: tuple[int, ...] = ()
+
+    def run(self, width, largest):
+        return self.model(self.best)
 
     def model(self, members):
         return ScoredModel(members, np.array([NATS.get(members, 270.0)]), 0.0)
@@ -48,9 +52,17 @@ def test_what_any_arm_has_takes_no_effects_place(negligible, left):
     assert chosen.prune(chosen.model((ELASTICITY,))).members == left
 
 
-@pytest.mark.parametrize("needed", [(0, 1), (1,), ()])
-def test_friction_is_a_background_where_most_joints_need_their_curves(needed):
-    """Of two joints both must need a curve; the first may then have no law of friction besides, but other effects."""
+@pytest.mark.parametrize(
+    "needed, best, background",
+    [
+        ((0, 1), (), (0, 1)),
+        ((1,), (), ()),
+        ((), (), ()),
+        ((0, 1), (DELAY,), ()),
+    ],
+)
+def test_friction_is_a_background_where_most_joints_need_their_curves(needed, best, background):
+    """Of two joints both must need a curve beside the best effects; the first may then have other effects, but no law of friction."""
     names = (("friction_curve", 0), ("friction_curve", 1), ("coulomb_friction", 0), ("torque_ripple", 0))
     candidates = [
         SimpleNamespace(ids=np.arange(2), effect=SimpleNamespace(id=name, component="arm"), joint=joint, place=joint)
@@ -58,7 +70,8 @@ def test_friction_is_a_background_where_most_joints_need_their_curves(needed):
     ]
     found = Given(SimpleNamespace(candidates=candidates, context=SimpleNamespace(arm=range(2))))
     found.negligible = tuple({0, 1} - set(needed))
+    found.best = best
     found = found.with_background()
-    assert found.background == (needed if len(needed) == 2 else ())
+    assert found.background == background
     start = ScoredModel(found.background, np.zeros(1), 0.0)
-    assert [found.can_extend(start, n) for n in (2, 3)] == [not found.background, True]
+    assert [found.can_extend(start, n) for n in (2, 3)] == [not background, True]

@@ -75,13 +75,14 @@ class ModelSearch:
         return ModelSearch(design, self.background, _groups=kept)
 
     def with_background(self) -> ModelSearch:
-        """A search that begins with a friction curve at every joint, where most joints alone need their own.
+        """A search that begins with a friction curve at every joint, where most joints need theirs beside the best two effects.
 
-        Such friction is no fault: other effects are tested against what it leaves, each fitted together with it.
+        Such friction is no fault: other effects are tested against what it leaves, each fitted together with it. A wrong
+        load or a tilted base pulls at most joints too, but is one effect: beside it no curve is needed.
         """
         curves = tuple(n for n, c in enumerate(self.design.candidates) if is_curve(c))
-        nominal = self.model(())
-        needed = sum(self.predicts_better(self.model((n,)), nominal) for n in curves)
+        best = self.run(1, 2)
+        needed = sum(self.predicts_better(self.model((*best.members, n)), best) for n in curves)
         return ModelSearch(self.design, curves if 2 * needed > len(curves) else (), _groups=self._groups)
 
     def groups(self, members: tuple[int, ...]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:

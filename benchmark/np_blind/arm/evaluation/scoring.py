@@ -39,6 +39,7 @@ class Score:
     settled: bool | None = None
     settled_known: bool | None = None
     found: bool | None = None
+    nothing_else: bool | None = None
     covered: list[bool] = field(default_factory=list)
     share: float | None = None
     absolute: float | None = None
@@ -72,7 +73,7 @@ def score_case(entry: Mapping, report: Mapping | None, error: str = "", has_fric
     """One case of the key against its report; None, with what went wrong, where there is none.
 
     has_friction: of an arm with measured friction. A fault that is a law of friction too is then no effect of its own: nothing
-    tells it from the rest of its joint's friction, and neither it nor its interval is asked for.
+    tells it from the rest of its joint's friction, and neither it nor its interval is asked for. Nor is it wrong to add one.
     """
     faults = entry["faults"]
     report = report or {"verdict": "none", "effects": [], "where": []}
@@ -87,6 +88,11 @@ def score_case(entry: Mapping, report: Mapping | None, error: str = "", has_fric
         error=error,
         runtime_s=report.get("runtime_s"),
     )
+    friction = ("friction_curve", *ARM_EFFECTS["friction_curve"].special_cases) if has_friction else ()
+    if entry["kind"] != UNKNOWN_FAULT_KIND:
+        score.nothing_else = all(
+            e["effect"] in friction or any(_is_named(fault, [e], added) for fault in faults) for e in added
+        )
     if entry["kind"] == "friction":
         return score
     if entry["kind"] == "null":
@@ -100,7 +106,7 @@ def score_case(entry: Mapping, report: Mapping | None, error: str = "", has_fric
         score.joint = place is not None and place["component"] == fault["component"]
         score.effect_any = _is_named(fault, added[:1], added)
         score.effect = score.effect_any if fault["size"] >= CLEAR else None
-        if not (has_friction and fault["effect"] in ARM_EFFECTS["friction_curve"].special_cases):
+        if fault["effect"] not in friction:
             score.found = _is_named(fault, added, added)
             score.covered = _coverage(fault, added)
     else:
@@ -163,6 +169,7 @@ def summary(scores: Sequence[Score]) -> dict[str, object]:
     rate("effect_class_accuracy", [s.effect for s in scores])
     rate("effect_class_accuracy_any", [s.effect_any for s in scores])
     rate("planted_effect_found", [s.found for s in scores])
+    rate("nothing_else_added", [s.nothing_else for s in scores])
     rate("false_alarm", [s.false_alarm for s in scores])
     rate("abstain_out_of_catalogue", [s.abstained for s in scores])
     rate("pairs_top3", [s.pair for s in scores])
