@@ -56,7 +56,7 @@ COUNTED_FORCES = (FORCE_REFLEX.force, 25.0)
 
 STOP, OBSERVE = MODES = "stop", "observe"
 """What a simulated arm does above a threshold: it stops as the robot does, or only counts the stop."""
-DEFAULT_MODE = OBSERVE
+DEFAULT_MODE = STOP
 
 
 def external_torque(measured, model):
