@@ -136,10 +136,13 @@ def test_a_restarted_backend_gives_a_goal_though_the_wall_clock_was_set_back():
 
 
 def test_a_broken_guard_is_found_and_made_small(monkeypatch):
-    """A backend that never stops in silence: the invariants say so, and the killed controller alone is left of three faults."""
+    """A backend that never stops, in silence or by force: the invariants say so, and the killed controller alone is left of three faults."""
+    from np_control.force_watch import ForceWatch
     from np_control.safety.watchdog import Watchdog
 
+    create = ForceWatch.__init__
     monkeypatch.setattr(Watchdog, "poll", lambda self, now: self.state)
+    monkeypatch.setattr(ForceWatch, "__init__", lambda self, mode: create(self, "observe"))
     crash = InjectedFault("crash", 1.4, "joint_impedance", 3.0)
     others = InjectedFault("duplicates", 1.0, "target_pose", 0.5, 0.5), InjectedFault("clock_jump", 1.2, "", 0.0, 3.0)
     report = play(
