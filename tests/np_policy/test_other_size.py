@@ -125,7 +125,7 @@ def test_the_known_box_rests_where_the_object_rests():
 
 
 OFF = pytest.mark.xfail(
-    strict=True, reason="the bump's student stands 6 mm too far off at .8 and 10 mm too near at 1.2"
+    strict=True, reason="the bump's student stands 3 mm too far off at .8 and too near at 1.2, in the median"
 )
 
 

@@ -83,7 +83,7 @@ class ModelSearch:
         curves = tuple(n for n, c in enumerate(self.design.candidates) if is_curve(c))
         best = self.run(1, 2)
         needed = sum(self.predicts_better(self.model((*best.members, n)), best) for n in curves)
-        return ModelSearch(self.design, curves if 2 * needed > len(curves) else (), _groups=self._groups)
+        return ModelSearch(self.design, curves, _groups=self._groups) if 2 * needed > len(curves) else self
 
     def groups(self, members: tuple[int, ...]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
         """(joints, members) of each group of joints that shares no parameter with the others."""
@@ -318,10 +318,12 @@ class ModelSearch:
 
     def use_curves(self, chosen: ScoredModel) -> ScoredModel:
         """The model with a free curve in the place of its special cases, joint by joint, where that predicts clearly better."""
+        if self.background:  # has them all
+            return chosen
         candidates, found = self.design.candidates, chosen
         for number, curve in enumerate(candidates):
-            if is_curve(curve) and not self.background:
-                names = ARM_EFFECTS[curve.effect.id].special_cases
+            names = ARM_EFFECTS[curve.effect.id].special_cases
+            if names:
                 others = (
                     m
                     for m in found.members
