@@ -32,6 +32,7 @@ from np_training.environment.object_poses import canonical_poses, corners, pre_c
 from np_training.environment.view import BatchedView
 from np_training.physics.config import physics_for
 from np_training.ppo.networks import PreContactActor
+from np_training.ppo.whitening import Whitening
 from np_training.setting import chosen, domain_of, setting_of
 from np_training.tasks.poses import Poses
 from np_training.tasks.practice import draw_tasks
@@ -127,7 +128,6 @@ def distil(
     if begin_with is not None:
         load(student, begin_with, PolicyContract.of(PRE_CONTACT, domain))
     student = student.to(device)
-    optimiser = torch.optim.Adam(student.parameters(), lr=1e-3)
 
     def sample(shares: tuple[float, ...]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Keypoints, goal keypoints and what the teacher answers, of a batch of fresh tasks."""
@@ -141,6 +141,11 @@ def distil(
     begin, step, share = time.monotonic(), 0, 0.0
     learned, own = shares_with(domain, practice), shares_with(domain, 0.0)
     pool = [torch.cat(parts) for parts in zip(*(sample(learned) for _ in range(POOL)))]
+    # Differences below the noise's root mean square, over levels from 0 to the largest, say nothing.
+    whiten = Whitening.of(student_observation(*pool[:2]), KEYPOINT_NOISE / 3**0.5)
+    if begin_with is not None:
+        whiten.take_from(student.net[0])
+    optimiser = torch.optim.Adam(student.parameters(), lr=1e-3)
     while share < 1:
         share = (step + 1) / steps if steps else (time.monotonic() - begin) / (60 * minutes)
         for group in optimiser.param_groups:
@@ -152,13 +157,14 @@ def distil(
         rows = torch.randint(POOL * batch, (batch,), generator=generator, device=device)
         keypoints, goal, target = (tensor[rows] for tensor in pool)
         levels = KEYPOINT_NOISE * torch.rand(batch, 1, 1, generator=generator, device=device)
-        loss = (student(noisy_observation(keypoints, goal, levels)) - target).square().mean()
+        loss = (student(whiten(noisy_observation(keypoints, goal, levels))) - target).square().mean()
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
         optimiser.step()
         step += 1
         if step % 500 == 0:
             print(f"step {step}  loss {loss.item():.2e}  left {minutes * (1 - share):.1f} min", flush=True)
+    whiten.put_before(student.net[0])
     with torch.no_grad():
         keypoints, goal, target = sample(own)
         p, r, w = hand_pose.decode(student(student_observation(keypoints, goal)))
