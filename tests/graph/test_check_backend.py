@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 
+import pytest
 from graph_tools import ROOT, TIMEOUT, command
 
 FORGETFUL = f"""
@@ -24,6 +25,7 @@ sys.exit(run(Forgetful))
 """
 
 
+@pytest.mark.slow
 def test_what_a_backend_does_not_keep_is_named_and_the_rest_is_judged(graph, probe, tmp_path):
     environment = {**os.environ, **graph.environment}
     (tmp_path / "forgetful.py").write_text(FORGETFUL)

@@ -113,6 +113,7 @@ def test_missing_weights_are_named(tmp_path):
     assert survivors(tmp_path / "demo_000") == []
 
 
+@pytest.mark.slow
 def test_an_evaluation_counts_and_goes_on_where_it_stopped(tmp_path, untrained):
     options = ("--keypoints", "camera", "--seed", 3, "--out", tmp_path / "eval")
     status, first, _, err = finish(start("evaluate", untrained, "--episodes", 1, *options))

@@ -95,6 +95,7 @@ def test_lockstep_recordings_are_equal_bit_for_bit(recorded, tmp_path):
     assert digests[0] == digests[1]
 
 
+@pytest.mark.slow
 def test_lockstep_waits_for_a_recorder_that_gets_no_processor(recorded, tmp_path):
     """It is halted at the first segment: time stands still before anything is lost, and the recording is what it would be."""
     waited, stood = [], []
@@ -132,6 +133,7 @@ def test_lockstep_waits_for_a_recorder_that_gets_no_processor(recorded, tmp_path
         assert recording.digest() == before.digest()
 
 
+@pytest.mark.slow
 def test_the_gains_of_an_experiment_hold_from_its_first_state_on(tmp_path):
     """What the commands say of the damping: that of the segment, once the gains have slewed there."""
     _, result = record(tmp_path, "lockstep", ["low_damping"])

@@ -180,6 +180,7 @@ def test_a_new_episode_after_a_fault(graph, probe, episode):
     episode.wait_for("post")
 
 
+@pytest.mark.slow
 def test_a_new_episode_after_a_restart_of_the_backend(graph, episode):
     """Its time begins anew, and what the others remember of the time before must not stand in the way."""
     episode.start()

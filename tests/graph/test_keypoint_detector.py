@@ -98,6 +98,7 @@ def test_a_silent_camera_is_a_warning_in_real_time_and_ends_with_the_next_image(
     )
 
 
+@pytest.mark.slow
 def test_collapsed_scores_are_a_warning(graph, probe, tmp_path):
     write_detector(tmp_path, score=-4.0)
     start(graph, probe, tmp_path, mode="lockstep")

@@ -2,6 +2,7 @@
 
 import json
 
+import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_tools import card_specs
@@ -14,6 +15,7 @@ from np_ros.goals import episode_goal
 from np_ros.phases import phase_state
 
 
+@pytest.mark.slow
 def test_an_episode_under_a_namespace_with_the_users_parameters(graph, probe, tmp_path, capsys):
     own = tmp_path / "own.yaml"
     own.write_text(yaml.safe_dump({"/lab/episode": {"ros__parameters": {"post_timeout": 31.0}}}))

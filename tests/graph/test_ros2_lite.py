@@ -178,6 +178,7 @@ def test_service_list_and_call(ros2):
     assert is_listed(ros2, "service", "/talker/open [std_srvs/srv/SetBool]")
 
 
+@pytest.mark.slow
 def test_nodes_parameters_and_topics_are_looked_at_and_a_message_is_published(ros2, probe):
     received = probe.collect("chatter", Float64)
     line(ros2.start("run", "pushers", "talker"), "pid")

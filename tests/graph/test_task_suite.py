@@ -14,6 +14,7 @@ from np_diagnosis.nodes.excite_node import Exciter
 HIGHER = Patch((PatchEffect("table_height", "environment", {"height": 0.006}),))
 SCENE = {"domain": "bump", "object": "default", "seed": 1, "calibration": ""}
 SHORT = ["view", "touch_table"]
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

@@ -88,6 +88,7 @@ def test_a_run_is_the_same_again(mode):
     assert first.log == second.log and first.phases == second.phases
 
 
+@pytest.mark.slow
 def test_a_lockstep_recording_replays():
     plan = replace(Plan.of(0), mode="lockstep", is_recorded=True, horizon=1.0, post_timeout=0.3, faults=())
     report = play(plan)
@@ -164,6 +165,7 @@ def test_a_torque_beyond_the_limits_is_found(monkeypatch):
     assert "torque" in play(replace(Plan.of(0), mode="realtime", is_recorded=False, faults=())).violations
 
 
+@pytest.mark.slow
 def test_a_dozen_seeds_keep_what_is_promised():
     broken = {seed: report.violations for seed in range(12) if (report := play(Plan.of(seed))).violations}
     assert not broken

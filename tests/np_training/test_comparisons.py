@@ -38,6 +38,7 @@ def test_a_log_survives_a_kill_and_new_columns(tmp_path):
     assert len(path.read_text().splitlines()) == 1 + 3 + 2  # what the killed run logged is still there
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path, monkeypatch):
     options = [
         "--worlds",

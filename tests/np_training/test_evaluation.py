@@ -77,6 +77,7 @@ def test_an_evaluation_can_be_repeated_and_leaves_no_trace(environment):
     assert environment.physics.varied.mass[:, environment.physics.varied.object_body].unique().numel() == 1
 
 
+@pytest.mark.slow
 def test_light_objects_are_drawn_evenly_in_the_logarithm_of_their_mass(environment):
     networks, drawn = ActorCritic(), []
     for seed in range(10):

@@ -453,6 +453,7 @@ def test_distillation_brings_the_student_to_the_teacher():
     assert end["position_mm"] < 0.6 * start["position_mm"]
 
 
+@pytest.mark.slow
 def test_a_student_may_learn_of_practice_that_sinks_no_obstacle():
     shares = shares_with(BUMP, 0.4)
     assert sum(shares) == pytest.approx(1.0) and shares[0] == pytest.approx(0.6)

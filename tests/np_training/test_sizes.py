@@ -36,6 +36,7 @@ EVERYONE = torch.arange(3)
 
 
 @pytest.mark.parametrize("domain", [BUMP, WALL], ids=lambda d: d.name)
+@pytest.mark.slow
 def test_objects_of_other_sizes_rest_where_their_size_lets_them(domain):
     """On the table and on the obstacle, on patches and without; the largest too, whose bounds would else end inside it."""
     half, obstacle = domain.half_size[2], domain.obstacles[0]

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import mujoco_warp
+import pytest
 
 UPSTREAM = Path(__file__).parents[2] / "training" / "upstream"
 PATCH = UPSTREAM / "fused_newton.patch"
@@ -19,6 +20,7 @@ def run(*command, cwd, **environment):
     ).stdout
 
 
+@pytest.mark.slow
 def test_the_patch_is_up_to_date_and_the_patched_library_solves_as_before(tmp_path):
     assert run(sys.executable, UPSTREAM / "make_patch.py", cwd=tmp_path) == PATCH.read_text()
     shutil.copytree(Path(mujoco_warp.__file__).parent, tmp_path / "mujoco_warp")

@@ -3,6 +3,7 @@
 import copy
 
 import torch
+
 from np_policy.networks import PreContactNetwork
 from np_training.ppo.whitening import Whitening
 

@@ -136,6 +136,7 @@ def test_tests_lie_in_the_folder_of_the_highest_package_that_they_import():
     assert not misplaced
 
 
+@pytest.mark.slow
 def test_pytest_in_the_folder_of_a_package_finds_its_tests():
     """As `colcon test` calls it."""
     command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:cacheprovider"]

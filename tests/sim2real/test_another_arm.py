@@ -52,6 +52,7 @@ def assert_loaded(found, within=0.03):
 
 
 @pytest.mark.parametrize("rate", [50, 1000])  # 250 where an arm is strong, or from URDF
+@pytest.mark.slow
 def test_an_arm_is_well_or_is_not_at_any_rate(tmp_path, rate):
     well = log_of(tmp_path, rate=rate)
     check_plausibility(well, ARM)
@@ -81,6 +82,7 @@ def test_a_strong_arm_may_have_more_of_an_effect(tmp_path):
     assert found["payload", "arm"]["mass"].value == pytest.approx(7.0, rel=0.01)
 
 
+@pytest.mark.slow
 def test_an_arm_from_urdf_is_diagnosed_like_that_from_mjcf(tmp_path):
     arm = load_arm(URDF, tip="tool")
     well = log_of(tmp_path, Truth(rotors=False), rate=250)
@@ -96,6 +98,7 @@ def test_rotors_of_which_a_urdf_does_not_tell_are_found(tmp_path):
 
 
 @pytest.mark.parametrize("is_current", [False, True])
+@pytest.mark.slow
 def test_what_changed_is_found_in_an_arm_of_which_no_model_is_right(tmp_path, is_current):
     def recorded(truth, noise):
         return log_of(tmp_path, truth, rate=200, noise=noise, current=is_current)
@@ -121,6 +124,7 @@ def test_what_changed_is_found_in_an_arm_of_which_no_model_is_right(tmp_path, is
     assert both["payload", "arm"]["mass"].value == pytest.approx(0.4 * 1.05, rel=within)
 
 
+@pytest.mark.slow
 def test_motor_current_tells_its_constants_and_the_effects_and_no_torque_scale(tmp_path):
     for truth in (Truth(), LOADED):
         log = log_of(tmp_path, truth, current=True)
@@ -158,6 +162,7 @@ def test_constants_may_be_given_with_a_recording(tmp_path, capsys):
     assert command.main([*arguments, *constants, "--effort", "sensor"]) == 1
 
 
+@pytest.mark.slow
 def test_a_joint_whose_current_does_not_tell_its_constant_is_not_judged(tmp_path):
     log = log_of(tmp_path, LOADED, current=True)
     noise = np.random.default_rng(0).normal(size=len(log.time))
@@ -180,6 +185,7 @@ def test_a_current_that_tells_nothing_is_refused(tmp_path):
         estimate_torque_constants([replace(log, torque=log.torque * np.where(np.arange(6) == 3, -1, 1))], ARM)
 
 
+@pytest.mark.slow
 def test_the_command_says_what_could_not_be_told_and_whose_the_patch_is(tmp_path, capsys):
     log_of(tmp_path, Truth(payload=0.4), current=True, rate=125)
     arguments = ["--model", str(MJCF), "--tip", "tool", "--joints", *ARM.joints, "--out", str(tmp_path / "out")]
@@ -215,6 +221,7 @@ def commanded(truth=Truth(), rate=250, scale=None):
     return Log("bag", time, q[rows], dq[rows], measured[rows - half], time - 0.5 / rate, False, commands)
 
 
+@pytest.mark.slow
 def test_commands_of_a_controller_that_nobody_knows_tell_the_drive():
     assert explain_gap([commanded()], ARM).verdict == "no_gap"
     diagnosis = explain_gap([commanded(LOADED, scale=np.array([1, 1, 1.05, 1, 1, 1]))], ARM)

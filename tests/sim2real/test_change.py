@@ -53,6 +53,7 @@ def test_what_was_there_before_is_no_change(before):
     assert report["data"]["reference"] == ["old"] and report["data"]["bags"] == ["new"] and to_json(report)
 
 
+@pytest.mark.slow
 def test_a_payload_that_was_put_on_is_found_in_an_arm_that_is_wrong_in_every_joint(before):
     diagnosis, _ = since(before, payload=0.3)
     assert diagnosis.verdict == "identified"
@@ -70,6 +71,7 @@ def with_torque(log, joint, extra):
     return replace(log, torque=torque, commands=replace(log.commands, torque=asked, target=target))
 
 
+@pytest.mark.slow
 def test_uneven_friction_that_bends_its_bristles_further_is_one_effect(before):
     """It was an offset of the drive with presliding friction: the old bristles carry more, and all of it turns over late."""
     joint, reach, (forward, backward) = 2, 4e-3, (0.7, -0.05)

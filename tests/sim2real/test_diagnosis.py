@@ -91,6 +91,7 @@ def test_a_payload_is_one_cause_and_not_seven(loaded):
     assert found.parameters["mass"].value == pytest.approx(0.3, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_stroke_between_two_of_the_grid_calls_for_no_other_effect():
     grid = np.array(PRESLIDING_STROKES)
     stroke = float(np.sqrt(grid[1] * grid[2]))
@@ -101,6 +102,7 @@ def test_a_stroke_between_two_of_the_grid_calls_for_no_other_effect():
     assert found.parameters["stroke"].value == pytest.approx(stroke, rel=0.1)
 
 
+@pytest.mark.slow
 def test_friction_that_takes_a_stroke_beyond_the_catalogues_is_no_presliding():
     """Hoses that rub on each other slide after some degrees: Dahl's law, by another cause."""
     diagnosis, _ = examine(Truth(slow=at(1, 0.7), stroke=0.1))

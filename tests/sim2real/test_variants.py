@@ -107,6 +107,7 @@ def differences(seed: int, original, folder: Path) -> list[str]:
     return wrong
 
 
+@pytest.mark.slow
 def test_twenty_variants_are_read_alike(original, tmp_path):
     assert [line for seed in range(20) for line in differences(seed, original, tmp_path)] == []
 
