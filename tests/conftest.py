@@ -76,6 +76,14 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
 
 
+@pytest.fixture(autouse=True)
+def interrupt_handler():
+    """What handles SIGINT is after a test what it was before: a node that a test runs in its own process leaves one that ignores the first."""
+    before = signal.getsignal(signal.SIGINT)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.fixture
 def graph(tmp_path):
     """Starts nodes as processes in a ROS domain of the test's own."""

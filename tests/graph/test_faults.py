@@ -146,7 +146,10 @@ def test_a_controller_that_turns_to_nan(graph, episode, monkeypatch):
 
 @pytest.mark.parametrize(
     "victim, number, topic",
-    [("joint_impedance", signal.SIGKILL, "effort_command"), ("post_contact", signal.SIGTERM, "target_pose")],
+    [
+        ("joint_impedance", signal.SIGKILL, "effort_command"),
+        pytest.param("post_contact", signal.SIGTERM, "target_pose", marks=pytest.mark.slow),
+    ],
 )
 def test_a_node_killed_while_the_arm_pushes(graph, probe, episode, victim, number, topic):
     episode.start()
@@ -158,6 +161,7 @@ def test_a_node_killed_while_the_arm_pushes(graph, probe, episode, victim, numbe
     assert not refused.success and "recover" in refused.message
 
 
+@pytest.mark.slow
 def test_a_planner_killed_before_it_plans(episode):
     episode.start(NO_PLAN, leave_out=["approach"])  # however slowly keypoints come
     phase, reason = episode.end()
@@ -170,6 +174,7 @@ def test_a_silent_camera(episode):
     assert phase == "failed" and reason == "pre: no keypoints within 2 s"
 
 
+@pytest.mark.slow
 def test_a_new_episode_after_a_fault(graph, probe, episode):
     """A controller that came back: recover, reset, and the episode runs."""
     episode.start()

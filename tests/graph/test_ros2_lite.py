@@ -146,6 +146,7 @@ def test_run_passes_parameters_and_refuses_those_out_of_range(ros2, probe):
     assert "cannot start" in refused.stderr.read()
 
 
+@pytest.mark.slow
 def test_topic_list_echo_and_hz(ros2):
     line(ros2.start("run", "pushers", "talker"), "pid")
     echo = ros2.start("topic", "echo", "--once", "/phase")

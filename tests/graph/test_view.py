@@ -270,6 +270,7 @@ RVIZ_TYPES = {
 }
 
 
+@pytest.mark.slow
 def test_layouts_fit_a_running_graph(graph, probe):
     """Each display is given its type with a quality of service that it can have, and each path of a panel is a field."""
     names = {

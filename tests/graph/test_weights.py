@@ -50,6 +50,7 @@ def test_an_evaluation_refuses_weights_of_another_controller_before_it_starts_a_
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_a_node_says_in_its_diagnostics_that_its_weights_know_other_contacts(weights, graph, probe):
     name = "post_contact"
     file, contract = weights_file(name, CARD, weights), PolicyContract.of(name, CARD)

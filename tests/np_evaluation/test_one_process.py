@@ -29,6 +29,7 @@ def test_an_episode_succeeds_and_is_the_same_again(first):
     assert (first.distance, first.angle, first.duration) == (again.distance, again.angle, again.duration)
 
 
+@pytest.mark.slow
 def test_a_patch_changes_an_episode(first, monkeypatch):
     weak = Patch((PatchEffect("gripper_friction", "contact", {"relative": -0.85}),))
     short = partial(EpisodeConfig, post_timeout=2 * first.duration)

@@ -105,6 +105,7 @@ def test_the_arm_stops_when_its_controller_is_killed():
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+@pytest.mark.slow
 def test_the_arm_comes_to_rest_when_the_episode_is_killed_in_the_approach(mode):
     crash = InjectedFault("crash", 1.0, "episode", 1.0)
     report = play(replace(Plan.of(0), mode=mode, is_recorded=False, horizon=2.5, post_timeout=0.3, faults=(crash,)))
@@ -112,6 +113,7 @@ def test_the_arm_comes_to_rest_when_the_episode_is_killed_in_the_approach(mode):
     assert ("joint_impedance: refused_heartbeat" in report.refusals) == (mode == "realtime")
 
 
+@pytest.mark.slow
 def test_nothing_goes_on_after_a_reset_in_the_approach_when_the_episode_has_just_been_killed():
     faults = InjectedFault("crash", 1.35, "episode", 2.0), InjectedFault("request", 1.4, "sim_bridge/reset")
     report = play(replace(Plan.of(0), mode="realtime", is_recorded=False, horizon=2.5, post_timeout=0.3, faults=faults))

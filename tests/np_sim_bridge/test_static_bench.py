@@ -75,6 +75,7 @@ def test_an_off_centre_push_turns_the_box_between_its_corners_and_a_patch():
     assert 12.0 < bench.push_off_centre(MAKE)["turned_deg"] < 31.0
 
 
+@pytest.mark.slow
 def test_the_summary_answers_each_question_of_theory():
     found = bench.figures(bench.bench(MAKE, HARD.table))
     assert list(found) == list(bench.THEORY)

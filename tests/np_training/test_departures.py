@@ -24,6 +24,7 @@ def trainer(monkeypatch, tmp_path, *options: str):
     return make_trainer(train.parse(), "cpu", 0, None)
 
 
+@pytest.mark.slow
 def test_without_practice_and_random_contacts_every_episode_is_the_domains_own(tmp_path, monkeypatch):
     usual = trainer(monkeypatch, tmp_path)
     assert usual.curriculum.shares[0] == pytest.approx(0.25) and usual.curriculum.explore == pytest.approx(0.3)

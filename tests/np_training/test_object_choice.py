@@ -116,6 +116,7 @@ def test_an_object_goes_from_the_training_to_everything_that_comes_of_it(tmp_pat
     assert record["object"] == text
 
 
+@pytest.mark.slow
 def test_a_student_for_another_object_is_not_released(tmp_path, monkeypatch, capsys):
     folder, checkpoint = tmp_path / "run", tmp_path / "run" / "checkpoint.pt"
     run(monkeypatch, capsys, train, "--domain", "bump", "--object", "dense", "--out", folder, *TINY)

@@ -224,3 +224,13 @@ def test_evaluations_of_the_first_version_still_make_a_table():
     }
     row = "| nominal | - | student | 0.995 | 0.988 to 0.998 | 1000 | 0 | 0 | - | 5 | - |"
     assert figure_table([old]).splitlines()[-1] == row
+
+
+def test_the_curve_of_a_long_run_is_thinned_evenly(folder, tmp_path, monkeypatch):
+    save(PreContactNetwork(), tmp_path / "student.safetensors", PolicyContract.of(PRE_CONTACT, BUMP))
+    rows = (folder / "log.csv").read_text().splitlines()
+    monkeypatch.setattr("np_training.reports.releasing.ROWS", (len(rows) - 1) // 2)
+    state = torch.load(folder / "checkpoint.pt", weights_only=True)
+    release(read_run(folder), state, tmp_path / "student.safetensors", tmp_path / "w", tmp_path / "r", "GPU", "train")
+    kept = (tmp_path / "r" / "training_bump.csv").read_text().splitlines()
+    assert len(rows) > 3 and kept[:2] == rows[:2] and len(kept) - 1 <= (len(rows) - 1) // 2 and set(kept) <= set(rows)

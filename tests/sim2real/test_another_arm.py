@@ -76,6 +76,7 @@ def test_the_decimals_of_a_file_are_no_encoder_steps(tmp_path):
     assert explain_gap([load_log(tmp_path / "log.npz", ARM.joints)], ARM).verdict == "no_gap"
 
 
+@pytest.mark.slow
 def test_a_strong_arm_may_have_more_of_an_effect(tmp_path):
     """Bounds are made for the Panda's 87 Nm; this joint has 140."""
     found = named(explain_gap([log_of(tmp_path, Truth(payload=7.0), rate=250)], ARM))

@@ -46,6 +46,7 @@ def since(before, **changes):
     return explain_gap([after], reference=[before]), after
 
 
+@pytest.mark.slow
 def test_what_was_there_before_is_no_change(before):
     diagnosis, log = since(before)
     assert diagnosis.verdict == "no_gap" and not [f for f in diagnosis.findings if f.is_chosen]

@@ -76,6 +76,7 @@ def test_the_number_beside_a_name_is_that_of_what_is_claimed(stuck):
     assert ">0.01<" not in text and "Not added" not in text
 
 
+@pytest.mark.slow
 def test_asymmetry_is_found_with_what_it_cannot_be_told_from(uneven):
     diagnosis, _ = uneven
     found = chosen(diagnosis)

@@ -127,6 +127,7 @@ def test_nuisances_have_a_column_each_and_those_of_the_links_in_every_joint(clea
 
 @settings(max_examples=5, deadline=None)
 @given(st.floats(0.0, 1.5e-3), st.integers(0, 6))
+@pytest.mark.slow
 def test_the_delay_of_the_loop_is_found_though_one_drive_lags(clean, late, slow):
     drive, rng = clean.drive, np.random.default_rng(0)
     before = np.vstack([drive.commanded[:1], drive.commanded[:-1]])

@@ -95,6 +95,7 @@ def test_shots_lie_within_the_windows_laid_aside(log):
         assert any(begin <= start and start + length <= end + 2 * shots.period for _, begin, end in spans)
 
 
+@pytest.mark.slow
 def test_more_than_one_cause_at_a_joint_is_partly_explained():
     """Friction of joint 4, and a torque that waves with the angle of joint 2, which no catalogue has."""
     diagnosis = explain_gap([record(replace(RUBS, waviness=at(2, 1.0)), duration=50.0)])

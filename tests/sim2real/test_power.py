@@ -157,6 +157,7 @@ def test_an_offset_may_be_friction_with_equal_and_opposite_levels(uneven):
     )
 
 
+@pytest.mark.slow
 def test_an_offset_is_named_with_the_friction_that_it_may_be():
     diagnosis = explain_gap([record(Truth(offset=at(1, 0.3)))])
     (finding,) = [f for f in diagnosis.findings if f.is_chosen]
