@@ -124,13 +124,19 @@ def test_the_known_box_rests_where_the_object_rests():
         )
 
 
-OFF = pytest.mark.xfail(
-    strict=True, reason="the bump's student stands 3 mm too far off at .8 and too near at 1.2, in the median"
+# One of the three smallest cubes: 5.9 mm. The median of 500 is 4.0 mm, the 95th percentile 5.5.
+SPREAD = pytest.mark.xfail(strict=True, reason="the bump's student is off by more than 1 mm in some tasks at .8")
+
+
+@pytest.mark.parametrize(
+    "domain, factor",
+    [
+        pytest.param(BUMP, 0.8, marks=SPREAD),
+        *((BUMP, factor) for factor in (0.9, 1.1, 1.2)),
+        *((WALL, factor) for factor in (0.8, 0.9, 1.1, 1.2)),
+    ],
+    ids=lambda value: str(getattr(value, "name", value)),
 )
-
-
-@pytest.mark.parametrize("factor", [0.8, 0.9, 1.1, 1.2])
-@pytest.mark.parametrize("domain", [pytest.param(BUMP, marks=OFF), WALL], ids=["bump", "wall"])
 def test_the_released_weights_choose_a_contact_that_can_be_reached_at_another_size(domain, factor):
     """Weights of one size would choose one that is off by half the difference, or in the object; those of a range know sizes."""
     other = sized(domain, *[factor] * 3)
