@@ -1,7 +1,7 @@
 """Inputs of equal spread without correlation, for a network's training: x' = A (x - m), A = (C + e^2 I)^(-1/2).
 
-Corners of one object move together: the share of their variance that tells its size is 1e-4 of the largest, and gradient descent on raw
-inputs takes long to use it. The map is linear, so the trained network takes it up in its first layer, and its users know nothing of it.
+Corners of one object move together: half of their directions have less than 2e-4 of the largest variance (the bump, sizes 0.8 to 1.2),
+and gradient descent on raw inputs takes long to use them. The map is linear, so the trained network takes it up in its first layer, and its users know nothing of it.
 """
 
 from __future__ import annotations
