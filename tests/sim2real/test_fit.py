@@ -23,10 +23,11 @@ from sim2real.effects.timing.command_delay import USUAL
 from sim2real.inference import nuisances
 from sim2real.inference.block_arrow import BlockArrowStructure, BlockArrowSystem
 from sim2real.inference.context import make_context
+from sim2real.inference.estimates import deviation_between_motions
 from sim2real.inference.fit import fit_parameters
 from sim2real.inference.loop_delay import estimate_loop_delay, loop_delay
 from sim2real.inference.regression import make_regression
-from sim2real.inference.residual_cells import TimeBlock, make_blocks, make_cell
+from sim2real.inference.residual_cells import ResidualCell, TimeBlock, make_blocks, make_cell
 from sim2real.recordings.signals import Log, sample_logs
 from sim2real.report.document import to_json
 
@@ -299,3 +300,35 @@ def test_an_arrow_is_solved_and_inverted_as_any_matrix_is(seed, count, shared):
     stiffer = np.linalg.solve(matrix[rows] + more[:, None] * np.eye(size), values[..., None])[..., 0]
     for before in (solution, inverse.multiply(moment)):
         np.testing.assert_allclose(arrow.solve_again(before, values, rows, more).values, stiffer, atol=1e-9)
+
+
+def test_an_error_that_a_motion_shares_widens_the_deviation_to_what_repeated_recordings_show():
+    motions, blocks, rows = 20, 5, 40
+    parameters, ids = [Parameter("level", "Nm", -9.0, 9.0, 5.0)], np.zeros(1, int)
+    design = SimpleNamespace(
+        blocks=tuple(TimeBlock(m, b, b + 1.0) for m in range(motions) for b in range(blocks)), parameters=parameters
+    )
+
+    def fit(seed, shared):
+        rng = np.random.default_rng(seed)
+        column = rng.normal(1.0, 0.5, (motions * blocks, rows))
+        level = 2.0 + np.repeat(rng.normal(0.0, shared, motions), blocks)
+        residual = column * level[:, None] + rng.normal(0.0, 0.3, column.shape)
+        both = np.stack([column, residual])
+        gram = np.einsum("ibr,jbr->bij", both, both)
+        count = np.full(len(gram), rows)
+        unused = np.zeros(0)
+        cell = ResidualCell(
+            Stage.DYNAMICS, 0, ids, gram, gram, count, count, gram, 0.0, unused, unused, unused, unused, unused
+        )
+        whole = fit_parameters([cell], [gram.sum(axis=0)[None]], [count.sum()[None]], ids, parameters)
+        return (
+            whole.parameters[0, 0],
+            deviation_between_motions([cell], ids, design, whole)[0],
+            whole.covariance[0, 0, 0] ** 0.5,
+        )
+
+    for shared in (0.3, 0.0):
+        value, robust, posterior = np.array([fit(seed, shared) for seed in range(200)]).T
+        assert np.median(robust) == pytest.approx(value.std(), rel=0.2)
+        assert (posterior.mean() < 0.5 * value.std()) == (shared > 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from sim2real.effects.regressor import EffectRegressor
 from sim2real.inference.bootstrap import draw_counts
-from sim2real.inference.fit import fit_parameters, parameter_indices
+from sim2real.inference.fit import ParameterFit, fit_parameters, parameter_indices, sub_gram
 from sim2real.inference.model_averaging import between_model_deviations
 from sim2real.inference.regression import Candidate, RegressionProblem
 from sim2real.inference.residual_cells import ResidualCell, make_cell
@@ -108,7 +108,7 @@ def refine_nonlinear_parameter(search: ModelSearch, model: ScoredModel, member: 
 def _interval(
     cells: list[ResidualCell], ids: np.ndarray, design: RegressionProblem, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(values (p,), half widths (p,)): from all blocks; the wider of posterior and bootstrap of blocks."""
+    """(values (p,), half widths (p,)): from all blocks; the widest of posterior, bootstrap of blocks and `deviation_between_motions`."""
     weights = draw_counts(len(design.blocks), BOOTSTRAPS, seed).astype(float)
     whole = _whole(cells, ids, design)
     drawn = fit_parameters(
@@ -119,7 +119,29 @@ def _interval(
         design.parameters,
     )
     posterior = np.sqrt(np.diagonal(whole.covariance[0]))
-    return whole.parameters[0], ESTIMATES.t95 * np.maximum(drawn.parameters.std(axis=0), posterior)
+    robust = deviation_between_motions(cells, ids, design, whole)
+    return whole.parameters[0], ESTIMATES.t95 * np.max([drawn.parameters.std(axis=0), posterior, robust], axis=0)
+
+
+def deviation_between_motions(
+    cells: list[ResidualCell], ids: np.ndarray, design: RegressionProblem, whole: ParameterFit
+) -> np.ndarray:
+    """Standard deviation (p,) that allows for errors shared by all blocks of one motion (Liang and Zeger 1986).
+
+    A model that is slightly wrong, as any law of friction is, errs alike in all blocks of a motion: between them its error
+    does not show.
+    """
+    motions, motion = np.unique([block.trajectory for block in design.blocks], return_inverse=True)
+    if len(motions) < 2:
+        return np.zeros(len(ids))
+    score = np.zeros((len(motions), len(ids)))  # gradient of the log likelihood
+    for cell, variance in zip(cells, whole.variance):
+        columns, at = parameter_indices(cell, ids)
+        gram = sub_gram(cell.test, columns)
+        gradient = (gram[:, 1:, 0] - gram[:, 1:, 1:] @ whole.parameters[0][at]) / variance
+        np.add.at(score, (motion[:, None], at[None]), gradient)
+    moved = score @ whole.covariance[0]
+    return np.sqrt(len(motions) / (len(motions) - 1) * np.square(moved).sum(axis=0))
 
 
 def _unweighed(design: RegressionProblem, effect: EffectRegressor) -> np.ndarray:
