@@ -12,7 +12,7 @@ from sim2real.inference.fit import ParameterFit, fit_parameters, parameter_indic
 from sim2real.inference.model_averaging import between_model_deviations
 from sim2real.inference.regression import Candidate, RegressionProblem
 from sim2real.inference.residual_cells import ResidualCell, make_cell
-from sim2real.inference.search import ModelSearch, ScoredModel, absorbed_by_nuisance
+from sim2real.inference.search import ModelSearch, ScoredModel, absorbed_by_nuisance, is_curve
 from sim2real.thresholds import THRESHOLDS
 
 ESTIMATES, CURRENT = THRESHOLDS.estimates, THRESHOLDS.current
@@ -56,6 +56,8 @@ def estimate(
         if key not in search.intervals:
             search.intervals[key] = _interval(cells, ids, design, seed)
         whole, half = (values.copy() for values in search.intervals[key])
+    if any(is_curve(design.candidates[m]) for m in inside):
+        half = _widen_beside_curve(cells, ids, design, whole, half)
     if width:
         half = np.hypot(half, _shift(design, cells, ids, candidate, effect, width))
     at = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
@@ -215,6 +217,19 @@ def _shift(
         for end in ends
     )
     return (high - low) * width / (ends[1] - ends[0])
+
+
+def _widen_beside_curve(
+    cells: list[ResidualCell], ids: np.ndarray, design: RegressionProblem, whole: np.ndarray, half: np.ndarray
+) -> np.ndarray:
+    """Half widths (p,) that do not depend on the rows about reversals, where no curve of speed holds.
+
+    Only these rows tell a constant torque from friction that differs by direction: without them its interval is as wide as both
+    allow.
+    """
+    without = _whole([c for c in cells if not c.at_reversal], ids, design)
+    known = ESTIMATES.t95 * np.sqrt(np.diagonal(without.covariance[0]))
+    return np.hypot(np.maximum(half, known), without.parameters[0] - whole)
 
 
 def _width(value: float, level: float, trace: dict[float, float]) -> float:
