@@ -51,6 +51,15 @@ def command(package: str, executable: str) -> list[str]:
         raise
 
 
+def refusal(capfd, main: Callable[[list[str]], int], **parameters) -> str:
+    """The lines that a node says which cannot start with these parameters. It runs in this process."""
+    given = [
+        f"{name}:={str(value).lower() if isinstance(value, bool) else value}" for name, value in parameters.items()
+    ]
+    assert main(["--ros-args", *(part for each in given for part in ("-p", each))]) == 1
+    return capfd.readouterr().err
+
+
 def card_specs(overrides: Overrides | None = None, *, leave_out=(), **arguments) -> list[NodeSpec]:
     """The nodes of the card graph for launch arguments; overrides: parameters by node."""
     overrides = overrides or {}

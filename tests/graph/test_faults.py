@@ -1,4 +1,4 @@
-"""Faults injected into a running card graph: each ends in a named phase, with the arm at rest.
+"""Faults injected into a running card graph: each ends in a named phase, with the arm at rest. Nobody in the policy path hears the truth.
 
 One graph for all: every test finds it as the fault before has left it, and the next episode runs.
 """
@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
 from graph_tools import Graph, card_specs, command, reset
 from sensor_msgs.msg import JointState
 
@@ -24,6 +25,18 @@ from np_ros.processes.graph import NodeSpec
 BACKEND_FIRST = {"sim_bridge": {"lockstep_timeout": 10.0}}
 NO_PLAN = {**BACKEND_FIRST, "episode": {"planning": 2.0}}
 NO_KEYPOINTS = {"sim_bridge": {**BACKEND_FIRST["sim_bridge"], "camera": False}, "episode": {"silence": 2.0}}
+
+# Topics that docs/reference/graph.md gives to each node of the policy path.
+LEADING = {"joint_states", "joint_trajectory", "target_gains", "target_pose", "episode/tick", "episode/phase"}
+ALLOWED = {
+    "keypoint_detector": {"camera/image_raw", "camera/camera_info"},
+    "pre_contact": {"episode/phase", "goal_keypoints", "keypoints"},
+    "approach": {"gripper_command", "pre_contact_pose", "keypoints", "joint_states"},
+    "post_contact": {"goal_keypoints", "keypoints", "episode/tick", "joint_states"},
+    "episode": {"goal_pose", "keypoints", "joint_trajectory", "approach/refusal", "diagnostics"},
+    "joint_impedance": LEADING,
+}
+OF_ROS = {"parameter_events", "clock"}
 
 NAN_CONTROLLER = """
 import rclpy
@@ -172,6 +185,36 @@ def test_a_silent_camera(episode):
     episode.start(NO_KEYPOINTS, keypoints="camera")
     phase, reason = episode.end()
     assert phase == "failed" and reason == "pre: no keypoints within 2 s"
+
+
+def subscriptions(probe, node):
+    """Topics, without the leading slash, that a node subscribes to."""
+    # Known by its topics, a node may not be known by its name yet, or no more on a busy machine.
+    probe.wait_until(lambda: node in probe.node.get_node_names(), what=f"the name of {node}")
+    topics = {name.lstrip("/") for name, _ in probe.node.get_subscriber_names_and_types_by_node(node, "/")}
+    return topics - OF_ROS
+
+
+def check_isolation(probe):
+    """Nobody but the probe hears the truth, and each node what `ALLOWED` gives it."""
+    assert set(probe.subscribers("object_pose")) == {"probe"}
+    for node, allowed in ALLOWED.items():
+        # What is known of a node grows as it is found; what is not allowed is not waited for.
+        probe.wait_until(lambda: subscriptions(probe, node) >= allowed, what=f"the subscriptions of {node}")
+        assert subscriptions(probe, node) == allowed, node
+
+
+def test_the_policy_path_does_not_hear_the_truth(graph, probe, episode):
+    poses = probe.collect("object_pose", PoseStamped)
+    episode.start({}, keypoints="camera")
+    assert set(graph.names) == {"sim_bridge", *ALLOWED}
+    # As far as an untrained detector leads: every node of the path but post_contact has worked then.
+    probe.wait_until(
+        lambda: episode.phases and phase_state(episode.phases[-1]).phase not in ("idle", "pre"),
+        what="the end of phase pre",
+    )
+    probe.wait_until(lambda: poses, what="the truth")
+    check_isolation(probe)
 
 
 @pytest.mark.slow

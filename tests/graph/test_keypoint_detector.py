@@ -2,20 +2,20 @@
 
 import os
 import signal
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from detector_weights import write_detector
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from graph_tools import refusal
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from np_description.camera import CAMERA
 from np_description.domains import CARD
 from np_description.message_arrays import keypoints_array, stamp_nanoseconds
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector
+from np_perception.nodes import keypoint_detector_node
 from np_ros import qos
 from np_ros.messages import camera_info_message, image_message
 
@@ -107,23 +107,9 @@ def test_collapsed_scores_are_a_warning(graph, probe, tmp_path):
     probe.wait_until(lambda: warning(probe, "fewer than 4 keypoints"), what="a warning")
 
 
-def test_missing_weights_end_the_node_with_one_clear_line(graph, tmp_path):
-    ended = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "np_perception.nodes.keypoint_detector_node",
-            "--ros-args",
-            "-p",
-            f"weights:={tmp_path}",
-        ],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert ended.returncode == 1
-    assert "cannot start: keypoint detector: expected the network" in ended.stderr
-    assert "Traceback" not in ended.stderr
+def test_missing_weights_end_the_node_with_one_clear_line(capfd, tmp_path):
+    said = refusal(capfd, keypoint_detector_node.main, weights=tmp_path)
+    assert "cannot start: keypoint detector: expected the network" in said
 
 
 def test_the_first_image_of_another_camera_is_refused_too(graph, probe, weights):

@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
 from contextlib import ExitStack, closing
 from functools import cache
@@ -13,7 +11,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
-from graph_tools import Graph, Probe, command
+from graph_tools import Graph, Probe, refusal
 from policy_weights import write_policies
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Float64, Float64MultiArray
@@ -33,9 +31,11 @@ from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.phases import PhaseState
 from np_perception.pose_estimation import project_keypoints
 from np_policy.action import RESIDUAL_LIMITS_FINAL
+from np_policy.nodes import episode_node, post_contact_node
 from np_ros import qos
 from np_ros.messages import joint_state_message, keypoints_message, pose_message
 from np_ros.phases import phase_state, refusal_reason
+from np_ros.processes.graph import NodeSpec
 
 TICK = 100_000_000
 START, GOAL = sample_task(CARD, np.random.default_rng(0))
@@ -132,43 +132,41 @@ class Backend:
         assert response.success, response.message
 
 
-def think(graph, weights, position=HAND, mode="lockstep"):
-    """Start the nodes that `episode` leads; position: where the student wants the hand."""
-    weights = str(write_policies(weights, CARD, position=position))
-    for name, own in (
-        ("pre_contact", {"weights": weights}),
-        ("post_contact", {"weights": weights}),
-        ("approach", {"improve_checks": 2000}),
-    ):
-        graph.run("np_policy", name, {"mode": mode, "domain": "card", **own})
-
-
 @pytest.fixture(scope="module")
 def thinking(tmp_path_factory):
-    """Gives the graph of the three nodes in a mode, once for all tests: nothing of an episode may be left in them after it."""
+    """Gives the graph of the three nodes that `episode` leads, in a mode, once for all tests: nothing of an episode may be left in them
+    after it. Where the student wants the hand elsewhere, another `pre_contact` takes its place."""
     with ExitStack() as stack:
 
         @cache
+        def weights(position):
+            return str(write_policies(tmp_path_factory.mktemp("weights"), CARD, position=position))
+
+        @cache
         def graph_in(mode):
-            folder = tmp_path_factory.mktemp(mode)
-            graph = stack.enter_context(Graph(folder / "log"))
-            think(graph, folder / "weights", mode=mode)
+            return stack.enter_context(Graph(tmp_path_factory.mktemp(mode) / "log"))
+
+        def think(mode, position):
+            graph = graph_in(mode)
+            own = {
+                "pre_contact": {"weights": weights(position)},
+                "post_contact": {"weights": weights(HAND)},
+                "approach": {"improve_checks": 2000},
+            }
+            common = {"mode": mode, "domain": "card"}
+            graph.bring_to([NodeSpec("np_policy", name, "", {**common, **given}) for name, given in own.items()])
             return graph
 
-        yield graph_in
+        yield think
 
 
 @pytest.fixture
-def begin(thinking, tmp_path):
-    """Starts `episode` beside the other three; options: its parameters, or what asks for three of its own."""
+def begin(thinking):
+    """Starts `episode` beside the other three; options: its parameters."""
     with ExitStack() as stack:
 
         def begun(position=HAND, mode="lockstep", **episode):
-            if position == HAND:
-                graph = thinking(mode)
-            else:
-                graph = stack.enter_context(Graph(tmp_path / "log"))
-                think(graph, tmp_path / "weights", position, mode)
+            graph = thinking(mode, position)
             probe = stack.enter_context(closing(Probe(graph)))
             for topic, (kind, profile) in OUTPUTS.items():
                 probe.collect(topic, kind, profile)
@@ -476,28 +474,13 @@ def test_in_real_time_a_backend_that_falls_silent_ends_the_episode(begin):
     assert backend.phase() == "failed: pre: no diagnostics of sim_bridge within 3 s"
 
 
-def test_a_node_without_weights_does_not_start_and_names_the_file(graph, tmp_path):
-    result = subprocess.run(
-        [*command("np_policy", "post_contact"), "--ros-args", "-p", f"weights:={tmp_path}"],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert result.returncode == 1
-    assert "post_contact_card.safetensors" in result.stderr and "make train" in result.stderr
-    assert "Traceback" not in result.stderr
+def test_a_node_without_weights_does_not_start_and_names_the_file(capfd, tmp_path):
+    said = refusal(capfd, post_contact_node.main, weights=tmp_path)
+    assert "post_contact_card.safetensors" in said and "make train" in said
 
 
-def test_a_mode_that_does_not_exist_is_refused(graph):
-    result = subprocess.run(
-        [sys.executable, "-m", "np_policy.nodes.episode_node", "--ros-args", "-p", "mode:=slow"],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert result.returncode == 1 and "lockstep" in result.stderr
+def test_a_mode_that_does_not_exist_is_refused(capfd):
+    assert "lockstep" in refusal(capfd, episode_node.main, mode="slow")
 
 
 def test_bytes_that_are_no_joint_state_are_refused_and_nobody_dies(graph, probe, untrained):

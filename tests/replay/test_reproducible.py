@@ -56,8 +56,8 @@ def record(folder, weights, seed, episodes):
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory, untrained):
-    """The bags of two runs of two episodes with the same seed."""
-    return [record(tmp_path_factory.mktemp(name), untrained, SEED, 2) for name in "ab"]
+    """The bags of two runs with the same seed, of two episodes and of one."""
+    return [record(tmp_path_factory.mktemp(name), untrained, SEED, count) for name, count in (("a", 2), ("b", 1))]
 
 
 def content(bag):
@@ -67,11 +67,11 @@ def content(bag):
 
 
 def test_the_same_seed_gives_the_same_bags(runs):
-    for one, other in zip(runs[0], runs[1]):
-        first, second = content(one), content(other)
-        assert len(first) > 1000 and first == second
-        with Recording(one) as a, Recording(other) as b:
-            assert a.digest() == b.digest()
+    one, other = runs[0][0], runs[1][0]
+    first, second = content(one), content(other)
+    assert len(first) > 1000 and first == second
+    with Recording(one) as a, Recording(other) as b:
+        assert a.digest() == b.digest()
 
 
 def test_another_episode_gives_another_bag(runs):
@@ -121,6 +121,8 @@ def test_a_replay_finds_what_was_changed(runs, tmp_path):
         writer = BagWriter(tmp_path / "changed", recording.information)
         changed = 0
         for message in recording.messages():
+            if message.stamp > recording.start + 1_000_000_000:
+                break  # the rest would be replayed as well, and says nothing more
             data = message.data
             if message.topic.name == "joint_states" and not changed and message.stamp > recording.start + 500_000_000:
                 state = deserialize_message(data, JointState)

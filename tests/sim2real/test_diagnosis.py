@@ -130,6 +130,7 @@ def panda_log():
     return explain_gap([log], arm)
 
 
+@pytest.mark.slow
 def test_the_public_panda_log_is_predicted_where_its_joints_slide(panda_log, capsys):
     after = np.array(
         [
@@ -148,6 +149,7 @@ def test_the_public_panda_log_is_predicted_where_its_joints_slide(panda_log, cap
     assert after.mean() <= 0.285
 
 
+@pytest.mark.slow
 def test_joints_2_and_3_of_the_public_panda_log_stay_unexplained(panda_log):
     assert {1, 2} <= set(panda_log.unexplained)
 
@@ -168,11 +170,13 @@ def z1_log():
     return explain_gap([log], arm)
 
 
+@pytest.mark.slow
 def test_the_z1_shows_no_asymmetry_of_its_friction(z1_log):
     named = {f.effect.id for f in chosen(z1_log)}
     assert named and not named & {"asymmetric_coulomb_friction", "asymmetric_viscous_friction"}
 
 
+@pytest.mark.slow
 @pytest.mark.xfail(strict=True, reason="24 s of a hard push: drift and slow build-up stand in for plain friction")
 def test_the_z1_has_its_published_friction_and_damping(z1_log):
     arm, found = z1_log.context.arm, {"coulomb": [], "viscous": []}
