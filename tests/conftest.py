@@ -30,7 +30,7 @@ except ImportError:
 
 # Of two workers that take file by file, none begins a minute's work when the other has nothing left. The second compiles the
 # physics of training, a minute too, which files side by side would each do for themselves.
-LONGEST = ("test_commands", "test_physics", "test_reproducible", "test_diagnosis", "test_faults", "test_another_arm")
+LONGEST = ("test_commands", "test_physics", "test_reproducible", "test_faults", "test_policy_path", "test_diagnosis")
 LARGE = ("torch", "scipy.stats", "mujoco_warp", "matplotlib.pyplot")
 
 
@@ -56,23 +56,18 @@ def pytest_sessionfinish(session):
         session.exitstatus = pytest.ExitCode.INTERNAL_ERROR
 
 
-GRAPHS = ("graph", "contract", "replay", "driver", "camera")  # folders of tests that start processes
+IN_REAL_TIME = ("graph", "contract")  # folders with tests of a graph in real time
 
 
 def pytest_ignore_collect(collection_path, config):
-    """Where only tests in real time are asked for, nothing is imported but graph tests."""
-    others = (
-        collection_path.parent == ROOT / "tests" and collection_path.is_dir() and collection_path.name not in GRAPHS
-    )
+    """Where only tests in real time are asked for, nothing else is imported."""
+    is_folder = collection_path.parent == ROOT / "tests" and collection_path.is_dir()
+    others = is_folder and collection_path.name not in IN_REAL_TIME
     return True if others and config.option.markexpr.startswith("real_time") else None
 
 
 def pytest_collection_modifyitems(items):
-    """Mark the tests of a graph in real time, which need the machine to themselves; run the longest files first."""
-    for item in items:
-        in_real_time = "realtime" in item.nodeid or "real_time" in item.nodeid
-        if in_real_time and item.path.parent.name in GRAPHS:
-            item.add_marker("real_time")
+    """Run the longest files first."""
     items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
 
 

@@ -34,7 +34,10 @@ def pytest_generate_tests(metafunc):
                 pytest.param(
                     (name, mode),
                     id=f"{name}-{mode}",
-                    marks=pytest.mark.skipif(bool(BACKENDS[name].missing), reason=BACKENDS[name].missing),
+                    marks=[
+                        pytest.mark.skipif(bool(BACKENDS[name].missing), reason=BACKENDS[name].missing),
+                        *[pytest.mark.real_time] * (mode == "realtime"),
+                    ],
                 )
                 for name, mode in PAIRS
                 if applies(BACKENDS[name], mode)

@@ -8,6 +8,7 @@ import signal
 import subprocess
 from pathlib import Path
 
+import pytest
 from graph_tools import ROOT, TIMEOUT
 
 QUICKSTART = ROOT / "docs/guide/quickstart.md"
@@ -26,6 +27,7 @@ def outcome(answer: str) -> dict:
     return json.loads(message) if message.startswith("{") else {"phase": "fault", "reason": message}
 
 
+@pytest.mark.real_time
 def test_watching_an_episode_in_real_time(graph, tmp_path: Path):
     environment = {**os.environ, **graph.environment}
 

@@ -4,6 +4,7 @@ import json
 import signal
 
 import numpy as np
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_tools import reset
 from sensor_msgs.msg import CameraInfo, PointCloud2
@@ -22,6 +23,8 @@ def recover(probe):
     return False
 
 
+@pytest.mark.real_time
+@pytest.mark.slow  # test_quickstart.py plays an episode in real time too
 def test_an_episode_in_real_time(graph, probe, untrained, tmp_path):
     """A busy machine may make the backend stop for want of commands: that too is an end with a name."""
     phases = probe.collect("episode/phase", DiagnosticArray, qos.RECORDER_LATCHED)

@@ -196,7 +196,7 @@ def commands() -> list[str]:
         ".".join(path.relative_to(folder).with_suffix("").parts)
         for folder in (ROOT / "training", ROOT / "benchmark")
         for path in sorted(folder.glob("np_*/**/*.py"))
-        if "__main__" in path.read_text() and "tests" not in path.parts
+        if "__main__" in path.read_text() and "tests" not in path.relative_to(folder).parts
     ]
     return [*re.findall(r"= ((?:np_|sim2real)[\w.]+):main", told), *alone]
 

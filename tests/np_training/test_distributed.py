@@ -45,6 +45,7 @@ def out(batch, tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_an_update_shared_by_two_processes_is_that_of_one(batch, out):
     weights, statistics, rate = learn(batch)
     for rank in (0, 1):
@@ -57,6 +58,7 @@ def test_an_update_shared_by_two_processes_is_that_of_one(batch, out):
                 assert (mine[name] - tensor).abs().max() < 1e-4, name
 
 
+@pytest.mark.slow
 def test_all_processes_go_on_from_the_furthest_checkpoint_and_differences_are_seen(out):
     for rank in (0, 1):
         said = json.loads((out / f"out.{rank}.json").read_text())

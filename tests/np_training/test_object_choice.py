@@ -73,6 +73,7 @@ def test_a_checkpoint_that_says_nothing_was_trained_with_the_cards_own_object():
         chosen(setting, object="dense")
 
 
+@pytest.mark.slow
 def test_an_object_goes_from_the_training_to_everything_that_comes_of_it(tmp_path, monkeypatch, capsys):
     folder, checkpoint = tmp_path / "run", tmp_path / "run" / "checkpoint.pt"
     (tmp_path / "cube.yaml").write_text(FILE)

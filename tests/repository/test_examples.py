@@ -45,6 +45,7 @@ def test_a_diagnosis_without_ros_finds_the_load(tmp_path):
     assert 0.38 < mass < 0.42
 
 
+@pytest.mark.slow  # np_evaluation/test_one_process.py plays episodes in the same way
 def test_a_rollout_in_one_process(tmp_path):
     assert re.fullmatch(
         r"episode 0: .+, [\d.]+ mm from the goal after [\d.]+ s\n", run(tmp_path, "03_rollout_in_process.py")

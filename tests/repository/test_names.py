@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections import defaultdict
+from functools import cache
 
 import pytest
 from packages import modules
@@ -43,6 +44,7 @@ WORDS = {
 """Words, between underscores or capitals, that no public function or class has in its name."""
 
 
+@cache
 def definitions() -> list[tuple[str, ast.FunctionDef | ast.ClassDef]]:
     """Public functions and classes at the top of installed modules, with their modules."""
     found = []
@@ -51,9 +53,6 @@ def definitions() -> list[tuple[str, ast.FunctionDef | ast.ClassDef]]:
             if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
                 found.append((module, node))
     return found
-
-
-DEFINITIONS = definitions()
 
 
 def words(name: str) -> set[str]:
@@ -71,7 +70,7 @@ def unclear() -> set[str]:
     """Names with a word of WORDS, and functions called by a participle alone."""
     return {
         f"{module}.{node.name}"
-        for module, node in DEFINITIONS
+        for module, node in definitions()
         if words(node.name) & WORDS or (isinstance(node, ast.FunctionDef) and is_participle(node.name))
     }
 
@@ -79,7 +78,7 @@ def unclear() -> set[str]:
 def shared() -> set[str]:
     """Class names that several modules define."""
     places = defaultdict(set)
-    for module, node in DEFINITIONS:
+    for module, node in definitions():
         if isinstance(node, ast.ClassDef):
             places[node.name].add(module)
     return {name for name, where in places.items() if len(where) > 1}
