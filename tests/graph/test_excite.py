@@ -51,7 +51,7 @@ def recorded(tmp_path_factory):
     return record(tmp_path_factory.mktemp("one"), "lockstep")
 
 
-@pytest.mark.parametrize("mode", ["lockstep", pytest.param("realtime", marks=pytest.mark.real_time)])
+@pytest.mark.parametrize("mode", ["lockstep", pytest.param("realtime", marks=pytest.mark.slow)])
 def test_an_experiment_is_followed_and_recorded(request, tmp_path, mode):
     lockstep = mode == "lockstep"
     segments, result = request.getfixturevalue("recorded") if lockstep else record(tmp_path, mode)

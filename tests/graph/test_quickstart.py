@@ -1,5 +1,6 @@
 """The quickstart, typed line by line: "Watching an episode"."""
 
+import ast
 import json
 import os
 import re
@@ -23,7 +24,7 @@ def blocks(heading: str) -> list[list[str]]:
 
 def outcome(answer: str) -> dict:
     """What `ros2 service call /episode/run` printed of the episode; of one that could not begin, why, as a fault."""
-    message = re.search(r"message=['\"](.*)['\"]\)", answer)[1]
+    message = ast.literal_eval(re.search(r"message=(['\"].*['\"])\)", answer)[1])
     return json.loads(message) if message.startswith("{") else {"phase": "fault", "reason": message}
 
 
