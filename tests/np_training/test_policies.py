@@ -449,7 +449,7 @@ def test_distillation_brings_the_student_to_the_teacher():
     torch.manual_seed(5)
     teacher = PreContactActor()
     _, start = distil(CARD, teacher, "cpu", minutes=0, batch=256, steps=5)
-    _, end = distil(CARD, teacher, "cpu", minutes=0, batch=256, steps=400)
+    _, end = distil(CARD, teacher, "cpu", minutes=0, batch=256, steps=100)
     assert end["position_mm"] < 0.6 * start["position_mm"]
 
 
