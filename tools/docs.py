@@ -6,7 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from pages import driver, effects, evaluations, objects, parameters, report_schema, setup_drawing
+from pages import driver, effects, evaluations, objects, parameters, report_schema, setup_drawing, training
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -21,6 +21,7 @@ def generate(root: Path = ROOT) -> dict[str, str]:
         "reference/report_schema.md": report_schema.page(),
         "results/driver.md": driver.page(root / "docs/results/driver.json"),
         "results/evaluations.md": evaluations.page(root / "docs/results"),
+        "results/training.md": training.page(root / "docs/results"),
     }
 
 
