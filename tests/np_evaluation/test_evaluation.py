@@ -1,6 +1,7 @@
 """Files of results and their summary."""
 
 import json
+import math
 import sys
 from dataclasses import replace
 
@@ -178,6 +179,16 @@ def test_the_summary_counts_by_the_truth():
     assert (figures["declared_wrongly"], figures["missed"]) == (1, 1)
     assert figures["ci95"] == pytest.approx(wilson_interval(3, 8), abs=1e-4)
     assert figures["wall_s"] == 24.0
+
+
+def test_the_summary_tells_how_sure_the_graph_was():
+    bounds = [(0.001, math.radians(1.0)), (0.003, math.radians(2.0)), (0.002, math.radians(3.0))]
+    sure = [Outcome("succeeded", "", 0.004, 0.02, True, 6.0, 1, *bound) for bound in bounds]
+    figures = summary(
+        [result_of(0, Outcome("fault", "hold", 0.1, 0.02, False, 0.1), 3.0), *(result_of(1, s, 3.0) for s in sure)]
+    )
+    assert figures["uncertainty"] == {"mm_median": 2.0, "deg_median": 2.0, "mm_max": 3.0, "deg_max": 3.0}
+    assert "uncertainty" not in summary([good(0)])
 
 
 def test_no_episode_has_no_rate():

@@ -56,6 +56,23 @@ def test_half_a_pixel_of_noise_stays_within_the_tolerance_of_success(domain):
         assert distance < 0.004 and angle < 0.06
 
 
+@pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)
+def test_the_bounds_hold_nineteen_errors_in_twenty_and_are_no_larger_than_they_need_be(domain):
+    rng, shares = np.random.default_rng(0), []
+    spread = np.array([2e-3] * 3 + [1e-3] * 3)
+    for _ in range(150):
+        pose, _ = sample_task(domain, rng)
+        moved = spread * rng.standard_normal(6)
+        turn = matrix_from_vector(moved[3:]) @ np.asarray(CAMERA.rotation)
+        camera = replace(CAMERA, position=tuple(CAMERA.position + moved[:3]), rotation=tuple(map(tuple, turn)))
+        points = project_keypoints(domain, pose, camera)
+        points[:, :2] += rng.normal(0, 0.5, (8, 2))
+        found = estimate_pose(points, domain, lies=LIES, camera_covariance=np.diag(spread**2))
+        assert found.resting
+        shares.append(np.divide(error(found, pose), (found.position_bound, found.angle_bound)))
+    assert ((0.9 < np.mean(np.less(shares, 1), axis=0)) & (np.median(shares, axis=0) > 0.2)).all()
+
+
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=25)
 def test_a_tilted_card_in_the_air_is_not_pressed_onto_the_table(seed):

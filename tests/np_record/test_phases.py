@@ -16,7 +16,8 @@ from np_ros.phases import phase_message, phase_state, refusal_message, refusal_r
 
 texts = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)
 stamps = st.just("") | st.integers(0, 2**63).map(str)
-states = st.builds(PhaseState, st.sampled_from(PHASES), texts, texts, stamps)
+bounds = st.just("") | st.floats(0, 1e3).map("{:.4f}".format)
+states = st.builds(PhaseState, st.sampled_from(PHASES), texts, texts, stamps, bounds, bounds)
 
 
 def sent(message):
@@ -75,6 +76,7 @@ def test_keys_without_content_are_the_same_as_none_and_others_are_passed_over():
         (said(("episode", [("phase", "pre"), ("phase", "post")])), "names", "expected each key once"),
         (said(("episode", [("reason", "why not")])), "range", "expected the key phase, got reason"),
         (said(("episode", [("phase", "pre: soon")])), "range", "expected one of idle, .*, got 'pre: soon'"),
+        (said(("episode", [("phase", "failed"), ("angle_bound", "nan")])), "range", "angle_bound: .*, got 'nan'"),
     ],
 )
 def test_what_says_no_phase_is_refused_by_name(message, kind, text):

@@ -90,6 +90,12 @@ def test_failures_are_named_by_their_phase(declared, reason, failed_in):
     assert score_outcome(CARD, said, pose(0.1), pose(0.0), 3.0, early=reason).failed_in == failed_in
 
 
+def test_the_end_tells_the_bounds_of_the_graphs_estimate():
+    ends = [PhaseState("succeeded", position_bound="0.0021", angle_bound="0.0140"), PhaseState("failed", "pre: x")]
+    told = [score_outcome(CARD, [end], pose(0.0), pose(0.0), 3.0) for end in ends]
+    assert [(one.position_bound, one.angle_bound) for one in told] == [(0.0021, 0.014), (None, None)]
+
+
 def test_contacts_are_counted_up_to_the_end_of_the_episode():
     again = PhaseState("pre", "contact 2: timeout", since="5")
     said = [PhaseState("pre"), PhaseState("approach"), PhaseState("post"), again, PhaseState("succeeded")]

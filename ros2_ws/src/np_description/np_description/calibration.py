@@ -247,6 +247,14 @@ def calibrated_camera(path: str) -> Camera:
     return load(path).camera if path else CAMERA
 
 
+def calibrated_covariance(path: str) -> np.ndarray | None:
+    """Covariance (6, 6) of the pose of `calibrated_camera`, m and rad in base axes; None for "".
+
+    Raises CalibrationError.
+    """
+    return load(path).covariance if path else None
+
+
 def norm_bound(covariance: np.ndarray, dof: float = np.inf, share: float = 0.95) -> float:
     """Bound on the length of an error (n,) with covariance (n, n), at probability `share`.
 

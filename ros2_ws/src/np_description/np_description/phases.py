@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 
@@ -11,12 +12,13 @@ EXCITE = "excite"  # an experiment on the bare arm, which has a name
 ACTIVE = (PRE, APPROACH, POST)
 ENDS = (SUCCEEDED, FAILED, FAULT)
 AT_REST = (IDLE, *ENDS)  # nothing is under way, and nothing is asked of the arm
+_BOUND = re.compile(r"[0-9]+(\.[0-9]+)?")
 PHASES = (*AT_REST, *ACTIVE, EXCITE)
 
 
 @dataclass(frozen=True)
 class PhaseState:
-    """The phase in force. As text it is one line: "failed: post: timeout", "excite: dwell". Raises ValueError for an unknown phase, or a stamp that is no number."""
+    """The phase in force. As text it is one line: "failed: post: timeout", "excite: dwell". Raises ValueError for an unknown phase, or a stamp or bound that is no number."""
 
     phase: str
     """One of PHASES."""
@@ -26,12 +28,19 @@ class PhaseState:
     """Name of the experiment under way."""
     since: str = ""
     """Stamp ns, as text, of the first keypoints that count, of a `pre` in which a contact is chosen anew."""
+    position_bound: str = ""
+    """Of an end: twice the standard deviation of the estimated position, m, as text; "" without an estimate."""
+    angle_bound: str = ""
+    """Likewise of the orientation, rad."""
 
     def __post_init__(self) -> None:
         if self.phase not in PHASES:
             raise ValueError(f"phase: expected one of {', '.join(PHASES)}, got '{self.phase}'")
         if self.since and not (self.since.isascii() and self.since.isdigit()):
             raise ValueError(f"since: expected a stamp in ns, got '{self.since}'")
+        for name in ("position_bound", "angle_bound"):
+            if (text := getattr(self, name)) and not _BOUND.fullmatch(text):
+                raise ValueError(f"{name}: expected a number that is not negative, got '{text}'")
 
     def __str__(self) -> str:
         return ": ".join(part for part in (self.phase, self.experiment, self.reason) if part)

@@ -74,6 +74,10 @@ class Result:
     """Histogram of penetration depths by pair."""
     limit_shares: Sequence[Sequence[float]] = field(default_factory=list)
     """Largest shares of the joint limits (3, 7): speed, torque, range."""
+    position_bound: float | None = field(default=None, kw_only=True)
+    """Of the graph's estimate at the end, m; None where it had none."""
+    angle_bound: float | None = field(default=None, kw_only=True)
+    """Likewise, rad."""
     force: Mapping[str, object] = field(default_factory=dict)
     """`np_control.force_watch.ForceFigures` as a mapping; empty where the backend estimates no external force."""
     engine_version: str = field(default="", kw_only=True)
@@ -104,6 +108,8 @@ def result_of(
         [] if shares is None else shares.round(4).tolist(),
         asdict(force) if force else {},
         contacts=outcome.contacts,
+        position_bound=outcome.position_bound,
+        angle_bound=outcome.angle_bound,
     )
 
 
@@ -117,7 +123,8 @@ def summary(results: list[Result]) -> dict[str, object]:
 
     success: rate by the truth; ci95: Wilson; first_contact: the rate of those that needed one contact, where some had more, with its
     own interval; failures: number by phase; declared_wrongly: episodes the
-    graph took for a success that were none; missed: true successes that it did not declare; depth_mm: how deep shapes were in
+    graph took for a success that were none; missed: true successes that it did not declare; uncertainty: median and largest bounds of
+    the graph's estimates at the ends, mm and degrees, where it had any; depth_mm: how deep shapes were in
     each other, fingertips apart, by pair, and the share of the time in which housing or links pushed; limit_share: how much of the
     arm's limits of speed, torque and range the episodes came to; force_n, raw_peak_n, touching_n, peak_by, reflex_stops, force_episodes: the external
     force, as in `np_control.force_watch.summary`.
@@ -133,6 +140,7 @@ def summary(results: list[Result]) -> dict[str, object]:
         "failures": dict(sorted(Counter(r.failed_in for r in results if not r.success).items())),
         "declared_wrongly": sum(r.declared == SUCCEEDED and not r.success for r in results),
         "missed": sum(r.declared != SUCCEEDED and r.success for r in results),
+        **_uncertainty(results),
         "depth_mm": DepthHistogram.summary(DepthHistogram(r.depths) for r in results).as_dict(),
         "limit_share": limit_share.summary(np.array(r.limit_shares) for r in results if r.limit_shares),
         **force_watch.summary(ForceFigures(**r.force) for r in results if r.force),
@@ -148,6 +156,21 @@ def reasons(results: Sequence[Result]) -> dict[str, int]:
         if not r.success
     )
     return dict(Counter(said).most_common())
+
+
+def _uncertainty(results: Sequence[Result]) -> dict[str, dict[str, float]]:
+    bounds = np.array([(r.position_bound, r.angle_bound) for r in results if r.position_bound is not None], float)
+    if not len(bounds):
+        return {}
+    bounds *= 1e3, np.degrees(1.0)
+    figures = {"median": np.median(bounds, axis=0), "max": bounds.max(axis=0)}
+    return {
+        "uncertainty": {
+            f"{unit}_{name}": round(float(value), 2)
+            for name, pair in figures.items()
+            for unit, value in zip(("mm", "deg"), pair)
+        }
+    }
 
 
 def _rate(successes: int, episodes: int) -> dict[str, object]:

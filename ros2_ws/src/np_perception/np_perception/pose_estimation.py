@@ -26,6 +26,7 @@ TILTED = 0.1  # rad: what rests seems tilted by 0.04 where the camera is turned 
 _GOOD = 1.0  # px, error of a fit that needs no second look
 _HUBER = 1.5  # px, residual from which a keypoint counts less
 _ITERATIONS = 30
+_LEAST = 1e-6  # added to a normal matrix, which may be singular
 
 
 class PoseError(RuntimeError):
@@ -42,6 +43,10 @@ class PoseEstimate:
     """Weighted reprojection error, px."""
     resting: bool
     """Whether the object was taken to lie flat on a surface."""
+    position_bound: float
+    """Twice the standard deviation of the position, m: by the keypoints' scatter about the fit and the camera's covariance."""
+    angle_bound: float
+    """Likewise of the orientation, rad."""
 
     @property
     def tilt(self) -> float:
@@ -94,12 +99,14 @@ def estimate_pose(
     camera: Camera = CAMERA,
     floor: float = -np.inf,
     lies: float = 0.0,
+    camera_covariance: np.ndarray | None = None,
 ) -> PoseEstimate:
     """The object's pose from keypoints (8, 3): u px, v px, score 0..1, in the order of np_description.keypoints.
 
     min_score: keypoints below it are left out; max_rms px: a worse fit is refused; floor m: no corner is lower, so that of two
     corners that are off by 3 px no card is taken to be 3 cm below the table; lies px: a pose in which it rests on a face is taken
-    where it is no worse than that, whatever explains the keypoints better. Raises PoseError with fewer than MIN_POINTS usable
+    where it is no worse than that, whatever explains the keypoints better; camera_covariance: of the camera's pose, (6, 6) m and rad as
+    in a calibration, None for a camera that is where it is said to be. Raises PoseError with fewer than MIN_POINTS usable
     keypoints or without a pose that explains them.
     """
     keypoints = np.asarray(keypoints, float)
@@ -130,7 +137,8 @@ def estimate_pose(
     far = float(np.linalg.norm(position - camera.position))
     if far > FARTHEST:  # from there any box is a point, and explains eight keypoints in one place
         raise PoseError(f"expected an object within {FARTHEST:g} m of the camera, the best pose is {far:.1f} m from it")
-    return PoseEstimate(Pose(position, quaternion_from_matrix(rotation)), rms, is_resting)
+    bounds = fit.bounds(position, rotation, camera_covariance, planar=is_resting)
+    return PoseEstimate(Pose(position, quaternion_from_matrix(rotation)), rms, is_resting, *bounds)
 
 
 def _rms(fit) -> float:
@@ -163,6 +171,11 @@ def _explains(resting, free) -> bool:
     Twice as well they fit by chance one time in 500 (F distribution with 3 and 10 degrees of freedom).
     """
     return resting[2] <= max(2 * free[2], free[2] + 0.5)
+
+
+def _unknowns(planar: bool) -> list[int]:
+    """Which of the position's and the rotation vector's six numbers a fit moves: x, y and yaw of what rests, else all."""
+    return [0, 1, 5] if planar else list(range(6))
 
 
 class _Fit:
@@ -217,8 +230,8 @@ class _Fit:
         planar: only x, y and yaw move. (scipy.optimize.least_squares finds the same poses in 10.6 ms an image, this in
         4.3 ms of CPU time; its Huber loss is of each coordinate, while a wrong keypoint is off in both.)
         """
-        free = [0, 1, 5] if planar else list(range(6))
-        least = 1e-6 * np.eye(len(free))
+        free = _unknowns(planar)
+        least = _LEAST * np.eye(len(free))
         for _ in range(_ITERATIONS):
             residual, matrix = self._linearise(position, rotation)
             matrix = matrix[:, free]
@@ -230,6 +243,26 @@ class _Fit:
             if np.abs(step).max() < 1e-5:  # m, rad
                 break
         return position, rotation, self.rms(position, rotation)
+
+    def bounds(self, position, rotation, camera_covariance: np.ndarray | None, *, planar: bool) -> tuple[float, float]:
+        """Twice the standard deviations of a refined pose, m and rad; what is not free is taken to be known."""
+        free = _unknowns(planar)
+        residual, jacobian = self._linearise(position, rotation)
+        weights = np.repeat(self._weights(residual), 2)
+        weighted = jacobian[:, free].T * weights
+        inverse = np.linalg.inv(weighted @ jacobian[:, free] + _LEAST * np.eye(len(free)))
+        # The scatter is itself an estimate: Student's t has (n / (n - 2)) times the variance.
+        covariance = inverse * (weights @ residual.ravel() ** 2 / (len(weights) - len(free) - 2))
+        if camera_covariance is not None:
+            # A camera moved by p and turned by r sees the object moved by -p - r x arm and turned by -r.
+            arm = position - self._view[1]
+            seen = -np.eye(6)
+            seen[:3, 3:] = cross(arm, np.eye(3)).T
+            gain = inverse @ weighted @ jacobian @ seen
+            covariance = covariance + gain @ camera_covariance @ gain.T
+        variances = np.diag(covariance)
+        shift = np.array(free) < 3
+        return float(2 * np.sqrt(variances[shift].sum())), float(2 * np.sqrt(variances[~shift].sum()))
 
     def rms(self, position, rotation) -> float:
         """Huber-weighted root mean square reprojection error px; infinite where there is none."""

@@ -58,8 +58,9 @@ class EpisodeConfig:
     """domain; lockstep or real time; policy_period ns; limits of the phases in s, see docs/reference/graph.md.
 
     pre_timeout, post_blind: how long keypoints may be unusable; success_frames: ticks in a row within success_share of the
-    tolerance, or, when the time is over, within all of it; contacts: how often a contact may be chosen, each with a post_timeout of
-    its own (paper: 1); min_score: of a usable keypoint; camera: that sees them;
+    tolerance, or, when the time is over, within all of it, both with the pose's bounds inside the tolerance; contacts: how often a contact may be chosen, each with a post_timeout of
+    its own (paper: 1); min_score: of a usable keypoint; camera: that sees them; camera_covariance: of its pose, (6, 6) m and rad, None
+    where it is exactly there;
     silence, planning: how long by the wall clock nothing may come at all; arrival: rad that a joint may be off the plan's
     end for the arm to have arrived there.
     """
@@ -79,6 +80,7 @@ class EpisodeConfig:
     planning: float = 60.0
     arrival: float = 0.1
     camera: Camera = CAMERA
+    camera_covariance: np.ndarray | None = None
 
 
 class Episode:
@@ -91,8 +93,8 @@ class Episode:
         self.config = config
         self._joints = joints
         self.phase = IDLE
-        self.distance = self.angle = float("nan")
-        """Error of the object's estimated pose, m and rad; NaN where there is none."""
+        self.distance = self.angle = self.position_bound = self.angle_bound = float("nan")
+        """Distance of the object's estimated pose from the goal, m and rad, and the bounds of the estimate, likewise; NaN where there is none."""
         self._goal: Goal | None = None
         self._goal_pose: Pose | None = None
         self._goal_sent = 0
@@ -111,7 +113,7 @@ class Episode:
         self._rest_ends = -1  # stamp from which a contact is chosen
         self._plan_end: np.ndarray | None = None
         self._blind_since: int | None = None
-        self._sure = self._near = self._gone = 0
+        self._sure = self._near = self._seems = self._gone = 0
 
     @property
     def is_active(self) -> bool:
@@ -125,6 +127,7 @@ class Episode:
         if self._fault:
             raise InputRefusal(f"the backend reports: {self._fault}")
         self._forget()
+        self.distance = self.angle = self.position_bound = self.angle_bound = float("nan")
         self.phase = PRE
         events: list[Event] = [PhaseState(PRE)]
         if self.config.lockstep:
@@ -290,29 +293,56 @@ class Episode:
                 raise PoseError(f"fewer than {MIN_POINTS} usable keypoints")
             # What is only slid lies, and is not tilted because corners behind the hand are found a little off.
             lies = 0.0 if config.domain.is_tumbled else LIES
-            how = {"min_score": config.min_score, "camera": config.camera, "floor": FLOOR, "lies": lies}
-            pose = estimate_pose(keypoints, config.domain, **how).pose
+            found = estimate_pose(
+                keypoints,
+                config.domain,
+                min_score=config.min_score,
+                camera=config.camera,
+                floor=FLOOR,
+                lies=lies,
+                camera_covariance=config.camera_covariance,
+            )
         except PoseError as error:
-            self.distance = self.angle = float("nan")
-            self._sure = self._near = 0
+            self.distance = self.angle = self.position_bound = self.angle_bound = float("nan")
+            self._sure = self._near = self._seems = 0
             if self._blind_for(stamp) >= config.post_blind:
                 return self._end_contact(stamp, f"keypoints: {error} for {config.post_blind:g} s")
         else:
             self._blind_since = None
-            goal = self._goal_pose
+            pose, goal = found.pose, self._goal_pose
             self.distance, self.angle = map(
                 float, pose_error(pose.position, pose.quaternion, goal.position, goal.quaternion)
             )
-            self._near = self._near + 1 if is_success(config.domain, self.distance, self.angle) else 0
-            sure = is_success(config.domain, self.distance, self.angle, config.success_share)
+            self.position_bound, self.angle_bound = found.position_bound, found.angle_bound
+            seems = is_success(config.domain, self.distance, self.angle)
+            near = is_success(config.domain, self.distance + self.position_bound, self.angle + self.angle_bound)
+            sure = near and is_success(config.domain, self.distance, self.angle, config.success_share)
+            self._seems = self._seems + 1 if seems else 0
+            self._near = self._near + 1 if near else 0
             self._sure = self._sure + 1 if sure else 0
             self._gone = self._gone + 1 if is_lost(config.domain, pose.position) else 0
             if (self._near if self._is_over(stamp) else self._sure) >= config.success_frames:
                 self.phase = SUCCEEDED
-                return [PhaseState(SUCCEEDED)]
+                return [PhaseState(SUCCEEDED, **self._bounds)]
             if self._gone >= config.success_frames:
                 return self._fail("the object left the workspace")
-        return self._end_contact(stamp, "timeout") if self._is_over(stamp) else []
+        return self._end_contact(stamp, self._late) if self._is_over(stamp) else []
+
+    @property
+    def _late(self) -> str:
+        """What an episode has come to whose time is over."""
+        if self._seems < self.config.success_frames:
+            return "timeout"
+        return (
+            f"timeout: at the goal by an estimate that is too uncertain: {1e3 * self.position_bound:.1f} mm, "
+            f"{np.degrees(self.angle_bound):.1f} degrees"
+        )
+
+    @property
+    def _bounds(self) -> dict[str, str]:
+        """The estimate's bounds as an end says them; nothing where there is no estimate."""
+        bounds = {"position_bound": self.position_bound, "angle_bound": self.angle_bound}
+        return {name: f"{bound:.4f}" for name, bound in bounds.items() if np.isfinite(bound)}
 
     def _end_contact(self, stamp: int, reason: str) -> list[Event]:
         """This contact comes to nothing, and why: the hand lets go, and once all is at rest another one is chosen, from where the object is
@@ -322,7 +352,7 @@ class Episode:
         self._contact += 1
         self._rest_ends = stamp + round(self.config.settle * SECOND)
         self._planned_from = self._plan_end = self._blind_since = None
-        self._sure = self._near = self._gone = 0
+        self._sure = self._near = self._seems = self._gone = 0
         self.phase = PRE
         return [PhaseState(PRE, f"contact {self._contact}: {reason}", since=str(self._rest_ends)), self._tick(stamp)]
 
@@ -364,4 +394,4 @@ class Episode:
 
     def _fail(self, reason: str) -> list[Event]:
         where, self.phase = self.phase, FAILED
-        return [PhaseState(FAILED, f"{where}: {reason}")]
+        return [PhaseState(FAILED, f"{where}: {reason}", **self._bounds)]

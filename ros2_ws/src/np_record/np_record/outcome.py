@@ -27,6 +27,10 @@ class Outcome:
     """s of simulated time."""
     contacts: int = 1
     """Number of contacts that were chosen."""
+    position_bound: float | None = None
+    """m, of the graph's estimate at the end (np_perception.pose_estimation); None where the graph had none."""
+    angle_bound: float | None = None
+    """rad, likewise."""
 
     @property
     def failed_in(self) -> str:
@@ -60,4 +64,9 @@ def score_outcome(
     contacts = max(1, sum(state.phase == PRE for state in said[:until]))
     declared, reason = (end.phase, end.reason) if end else ("unfinished", early)
     success = bool(is_success(domain, distance, angle))
-    return Outcome(declared, reason, float(distance), float(angle), success, duration, contacts)
+    position_bound, angle_bound = (
+        float(text) if text else None for text in ((end.position_bound, end.angle_bound) if end else ("", ""))
+    )
+    return Outcome(
+        declared, reason, float(distance), float(angle), success, duration, contacts, position_bound, angle_bound
+    )

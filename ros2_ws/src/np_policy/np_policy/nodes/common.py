@@ -12,7 +12,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header
 
-from np_description.calibration import calibrated_camera
+from np_description.calibration import calibrated_camera, calibrated_covariance
 from np_description.camera import Camera
 from np_description.domains import Task
 from np_description.message_arrays import (
@@ -35,13 +35,15 @@ OLDEST_STATE = 200_000_000  # ns before the image; the clocks of a robot and a c
 
 @dataclass(frozen=True)
 class PolicySettings:
-    """Parameters of every node here; policy_period ns; camera: the one that the keypoints are seen by."""
+    """Parameters of every node here; policy_period ns; camera: the one that the keypoints are seen by, with
+    the covariance (6, 6) of its pose, m and rad, where it was calibrated."""
 
     domain: Task
     lockstep: bool
     policy_period: int
     min_score: float
     camera: Camera
+    camera_covariance: np.ndarray | None
 
     @property
     def policy_rate(self) -> float:
@@ -65,7 +67,8 @@ def declare_settings(node: Node) -> PolicySettings:
     calibration = parameter(
         node, "calibration", "", "File written by `calibrate`: where the camera is; empty: as trained."
     )
-    return PolicySettings(domain, mode == "lockstep", NANOSECONDS // rate, score, calibrated_camera(calibration))
+    camera = calibrated_camera(calibration), calibrated_covariance(calibration)
+    return PolicySettings(domain, mode == "lockstep", NANOSECONDS // rate, score, *camera)
 
 
 def declare_weights(node: Node) -> str:

@@ -87,6 +87,7 @@ class EpisodeNode(Node):
                 policy_period=settings.policy_period,
                 min_score=settings.min_score,
                 camera=settings.camera,
+                camera_covariance=settings.camera_covariance,
                 **values,
             ),
             self._joints,
@@ -196,6 +197,8 @@ class EpisodeNode(Node):
         outcome = {"phase": end.phase, "reason": end.reason}
         if np.isfinite([self._episode.distance, self._episode.angle]).all():
             outcome |= {"distance_m": round(self._episode.distance, 4), "angle_rad": round(self._episode.angle, 4)}
+            outcome |= {"position_bound_m": round(self._episode.position_bound, 4)}
+            outcome |= {"angle_bound_rad": round(self._episode.angle_bound, 4)}
         response.message = json.dumps(outcome)
         return response
 
@@ -218,6 +221,8 @@ class EpisodeNode(Node):
             waits_for=self._waits_for,
             distance=f"{self._episode.distance:.4f}",
             angle=f"{self._episode.angle:.4f}",
+            position_bound=f"{self._episode.position_bound:.4f}",
+            angle_bound=f"{self._episode.angle_bound:.4f}",
         )
 
 

@@ -15,7 +15,7 @@ from np_description.force_reflex import FORCE_REFLEX
 from np_description.panda import NOMINAL
 from np_description.phases import PhaseState
 from np_record.bag import Recording
-from np_record.outcome import note_position_only
+from np_record.outcome import Outcome, note_position_only
 from np_record.recorded_episode import EpisodeData, load_episode, read_images
 from np_record.report import plots
 from np_record.report.video import write_video
@@ -64,6 +64,7 @@ class ReportSection:
                 "angle to goal",
                 f"{np.degrees(episode.angle.values[0]):.0f}° → {np.degrees(outcome.angle):.1f}°{note_position_only(episode.domain)}",
             ),
+            *_uncertainty(outcome),
             ("simulated time", f"{outcome.duration:.1f} s"),
             ("largest joint speed", _largest_speed(episode)),
             (
@@ -83,6 +84,13 @@ class ReportSection:
                 )
             )
         return facts
+
+
+def _uncertainty(outcome: Outcome) -> list[tuple[str, str]]:
+    if outcome.position_bound is None or outcome.angle_bound is None:
+        return []
+    bounds = f"{1e3 * outcome.position_bound:.1f} mm, {np.degrees(outcome.angle_bound):.1f}°"
+    return [("uncertainty of the graph's estimate", f"{bounds} (twice the standard deviation)")]
 
 
 def _largest_speed(episode: EpisodeData) -> str:
