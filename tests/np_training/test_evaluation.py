@@ -8,13 +8,14 @@ import pytest
 import torch
 
 from np_description.contact.depths import DepthHistogram
-from np_description.domains import BUMP
+from np_description.domains import BUMP, DOMAINS, find_domain
+from np_policy.contract import POST_CONTACT, damping_floor, weights_file
 from np_training import evaluate as command
 from np_training.environment.config import EnvironmentConfig
 from np_training.environment.environment import Environment
 from np_training.episodes.drawing import draw_recording
 from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
-from np_training.episodes.evaluation import rate, summarise
+from np_training.episodes.evaluation import rate, released_networks, summarise
 from np_training.episodes.recording import load_recording
 from np_training.ppo.networks import ActorCritic
 from np_training.tasks.randomisation import NOMINAL_CONDITIONS, PAPER, ROBUST
@@ -168,3 +169,9 @@ def test_a_recording_without_an_episode_to_draw_says_so(tmp_path):
     np.savez(tmp_path / "other.npz", domain="bump")
     with pytest.raises(ValueError, match="without goals, length, mode, qpos, tips"):
         load_recording(tmp_path / "other.npz")
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_released_weights_are_judged_with_the_damping_that_their_node_decodes(domain):
+    _, setting, _ = released_networks(domain)
+    assert setting["damping_floor"] == damping_floor(weights_file(POST_CONTACT, find_domain(domain)))

@@ -18,7 +18,7 @@ from np_description.contact.depths import DepthHistogram
 from np_description.domains import find_domain
 from np_description.objects.choice import DEFAULT
 from np_description.weights.header import read_metadata
-from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
+from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, damping_floor, weights_file
 from np_policy.networks import PreContactNetwork
 from np_policy.size_generalization import read_size_range
 from np_policy.weights import load
@@ -143,9 +143,14 @@ def released_networks(domain: str) -> tuple[ActorCritic, dict, None]:
     """Networks whose post-contact policy is the released one of a domain, and its setting; the others, which are not
     released, are untrained. Raises WeightsError where the weights are missing or were trained for something else."""
     networks, task = ActorCritic(), find_task(domain)
-    contract = PolicyContract.of(POST_CONTACT, task.domain)
-    load(networks.post, weights_file(POST_CONTACT, task.domain), contract)
-    setting = {"domain": domain, "limit": task.limit, "contact": task.domain.contact.name}
+    file = weights_file(POST_CONTACT, task.domain)
+    load(networks.post, file, PolicyContract.of(POST_CONTACT, task.domain))
+    setting = {
+        "domain": domain,
+        "limit": task.limit,
+        "contact": task.domain.contact.name,
+        "damping_floor": damping_floor(file),
+    }
     return networks, setting_of({"setting": setting}), None
 
 
