@@ -66,7 +66,7 @@ def test_every_image_is_answered_in_lockstep_with_its_own_stamp(graph, probe, we
 def test_refused_images_are_reported_and_the_node_goes_on(graph, probe, weights):
     start(graph, probe, weights, mode="lockstep")
     wrong = image_message(1, "camera", random_image(0))
-    wrong.encoding = "bgr8"
+    wrong.encoding = "mono16"
     probe.publish(TOPIC, wrong)
     probe.publish(TOPIC, image_message(2, "camera", np.zeros((100, 224, 3), np.uint8)))
     probe.publish(TOPIC, image_message(3, "camera", random_image(0)))

@@ -192,7 +192,7 @@ def test_image_with_padded_rows_is_read():
 @pytest.mark.parametrize(
     "changes, kind",
     [
-        ({"encoding": "bgr8"}, "encoding"),
+        ({"encoding": "mono16"}, "encoding"),
         ({"height": 5}, "shape"),
         ({"data": b""}, "shape"),
         ({"height": 0, "data": b""}, "shape"),

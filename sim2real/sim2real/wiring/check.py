@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from np_control.kinematics import forward_kinematics
+from np_description.camera import CAMERA
 from np_description.domains import Task
 from np_description.message_arrays import BadMessage, image_array, keypoints_array, stamp_nanoseconds
 from np_description.panda import JOINT_NAMES
@@ -76,7 +77,7 @@ def read_wiring(path: str | Path) -> WiringRecording:
                 _stamps(poses),
                 np.array([keypoints_array(message) for message in keypoints]).reshape(-1, 8, 3),
                 _stamps(keypoints),
-                np.array([image_array(message) for message in images if message.encoding == "rgb8"]),
+                np.array([image_array(message) for message in images]),
                 read_recorded_task(recording) if recording.information.get("domain") else None,
                 recording.information.get("calibration", ""),
             )
@@ -112,7 +113,7 @@ def find_stream_fault(recording: WiringRecording, log: Log) -> WiringFault | Non
         fault = find_target_pose_fault(log, (recording.pose_stamps - first) / SECOND, recording.poses)
     if fault or recording.domain is None or recording.calibration:
         return fault
-    if len(recording.images):
+    if recording.images.shape[1:] == (CAMERA.height, CAMERA.width, 3):  # the detectors know no others
         try:
             fault = find_image_fault(recording.images, recording.domain)
         except WeightsError:  # no detector was released for the object

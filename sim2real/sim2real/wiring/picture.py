@@ -181,5 +181,5 @@ def _colour_fault() -> WiringFault:
         "colours",
         "camera/image_raw",
         "Red and blue of the image are exchanged: its bytes are BGR, its encoding says rgb8.",
-        "Convert the image to RGB before it is published, or publish it as bgr8 and convert it.",
+        "Convert the image to RGB before it is published, or publish it as bgr8.",
     )

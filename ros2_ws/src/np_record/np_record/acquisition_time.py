@@ -115,7 +115,7 @@ class AcquisitionTimes:
         """Read the times of these topics, where that has not been done."""
         names = {name for name in names if name not in self._parts}
         found: dict[str, dict[Place, tuple[list[int], list[int]]]] = {name: {} for name in names}
-        for key, topic, logged, data in self._files.messages(names):
+        for key, topic, logged, data in self._files.messages(names, decompress=False):
             log, header = found[topic.name].setdefault(key, ([], []))
             log.append(logged)
             try:

@@ -10,12 +10,15 @@ from pathlib import Path
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import zstd
 
-from np_record.cdr import to_little_endian
+from np_description.message_arrays import compressed_image_array
+from np_record.cdr import TYPESTORE, deserialize, serialize, to_little_endian
 from np_record.topics import BY_NAME, Topic
 
 Place = tuple[int, int]
 """Number of a file, connection in it."""
 
+_COMPRESSED = "sensor_msgs/msg/CompressedImage"
+_IMAGE = "sensor_msgs/msg/Image"
 _ZSTD = b"\x28\xb5\x2f\xfd"  # with which a compressed message begins; a serialized one begins with a zero
 
 
@@ -26,7 +29,8 @@ class BagError(ValueError):
 class BagFiles:
     """The files of a bag. Raises BagError for a path that is no bag, or a bag that was cut off.
 
-    counts: messages by name of the contract's topics. A topic of that name and of another type counts as none.
+    counts: messages by name of the contract's topics. A topic of that name and of another type counts as none, but that compressed
+    images, also those of image_transport's topic `.../compressed`, are handed out as Image where the bag has no raw ones.
     """
 
     def __init__(self, path: Path):
@@ -35,8 +39,9 @@ class BagFiles:
         # Each file by itself: the reader of the whole passes over files whose QoS is not that in metadata.yaml.
         self._storages = getattr(self._reader.storage, "storages", [self._reader.storage])
         self.counts: dict[str, int] = {}
+        self._raw = {_name(c) for c in self._connections() if c.msgtype == _IMAGE and c.msgcount}
         for connection in self._connections():
-            if _is_contract(connection):
+            if self._is_read(connection):
                 self.counts[_name(connection)] = self.counts.get(_name(connection), 0) + connection.msgcount
 
     def close(self) -> None:
@@ -55,16 +60,22 @@ class BagFiles:
             raise BagError(f"bag {self.path}: expected a JSON object as run_info in its custom data, got {text!r}")
         return found
 
-    def messages(self, names: Collection[str]) -> Iterator[tuple[Place, Topic, int, bytes]]:
-        """(place, topic, log time ns, bytes) of the messages of these topics as they are stored. Raises BagError."""
+    def messages(self, names: Collection[str], *, decompress: bool = True) -> Iterator[tuple[Place, Topic, int, bytes]]:
+        """(place, topic, log time ns, bytes) of the messages of these topics as they are stored. Raises BagError.
+
+        decompress: CompressedImage as Image; without it their headers alone are those of the topic's type.
+        """
         for number, storage in enumerate(self._storages):
-            wanted = [c for c in storage.connections if _is_contract(c) and _name(c) in names]
+            wanted = [c for c in storage.connections if self._is_read(c) and _name(c) in names]
             topics = {c.id: BY_NAME[_name(c)] for c in wanted}
+            compressed = {c.id for c in wanted if decompress and c.msgtype == _COMPRESSED}
             try:
                 for connection, logged, data in storage.messages(wanted) if wanted else ():
                     topic = topics[connection.id]
                     data = zstd.decompress(data) if data[:4] == _ZSTD else bytes(data)
-                    yield (number, connection.id), topic, logged, to_little_endian(data, topic.type)
+                    data = to_little_endian(data, connection.msgtype)
+                    data = _decompress(data) if connection.id in compressed else data
+                    yield (number, connection.id), topic, logged, data
             except Exception as error:  # damaged bytes end in any of a dozen types of exception
                 raise BagError(f"bag {self.path}: expected readable messages to the end, got: {error}") from error
 
@@ -73,22 +84,34 @@ class BagFiles:
         counts: dict[str, int] = {}
         for c in self._connections():
             expected = BY_NAME.get(_name(c))
-            kind = "" if _is_contract(c) else f"{c.msgtype}, expected {expected.type}" if expected else c.msgtype
+            kind = "" if self._is_read(c) else f"{c.msgtype}, expected {expected.type}" if expected else c.msgtype
             counts[f"{c.topic} ({kind}"] = counts.get(f"{c.topic} ({kind}", 0) + c.msgcount
         found = [f"{text}{', ' * (text[-1] != '(')}{count})" for text, count in counts.items() if count]
         return ", ".join(found) or "none at all"
+
+    def _is_read(self, connection) -> bool:
+        topic = BY_NAME.get(_name(connection))
+        if topic is None:
+            return False
+        is_needed = topic.type == _IMAGE and topic.name not in self._raw
+        return connection.msgtype == topic.type or (connection.msgtype == _COMPRESSED and is_needed)
 
     def _connections(self):
         return [connection for storage in self._storages for connection in storage.connections]
 
 
 def _name(connection) -> str:
-    return connection.topic.lstrip("/")
+    name = connection.topic.lstrip("/")
+    return name.removesuffix("/compressed") if connection.msgtype == _COMPRESSED else name
 
 
-def _is_contract(connection) -> bool:
-    topic = BY_NAME.get(_name(connection))
-    return topic is not None and topic.type == connection.msgtype
+def _decompress(data: bytes) -> bytes:
+    """A serialized Image of a serialized CompressedImage. Raises BadMessage."""
+    message = deserialize(data, _COMPRESSED)
+    pixels = compressed_image_array(message)
+    height, width = pixels.shape[:2]
+    image = TYPESTORE.types[_IMAGE](message.header, height, width, "rgb8", 0, 3 * width, pixels.ravel())
+    return serialize(image)
 
 
 def _open(path: Path) -> Reader:
