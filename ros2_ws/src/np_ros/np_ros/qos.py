@@ -29,6 +29,9 @@ REALTIME_PUBLISHER = _keep_last(1)
 REALTIME_SUBSCRIBER = _keep_last(1, reliable=False)
 """Streams in real time, receiving side: best effort, so that a lost sample never delays the next one."""
 
+VIEWER = _keep_last(16, reliable=False)
+"""A viewer's side of joint_states, on which arm and gripper may publish at once: the newest of each is kept."""
+
 EVENT = _keep_last(10)
 """What is sent on change in either mode: gripper_command, pre_contact_pose, joint_trajectory, approach/refusal,
 diagnostics."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TransformStamped
@@ -10,14 +12,16 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, String
 from visualization_msgs.msg import Marker, MarkerArray
 
+from np_bringup.view.shown_joints import ShownJoints
 from np_common.rotations import matrix_from_quaternion, quaternion_multiply
 from np_description.domains import Pose
 from np_description.drawing.robot import WORLD, urdf
 from np_description.drawing.scene_data import SceneData
-from np_description.message_arrays import BadMessage, joint_state_arrays, pose_arrays, stamp_nanoseconds
-from np_description.panda import BASE_FRAME, STATE_NAMES
+from np_description.message_arrays import BadMessage, pose_arrays
+from np_description.panda import BASE_FRAME
 from np_ros import qos
 from np_ros.goals import episode_goal
+from np_ros.low_latency.raw import decode_raw
 from np_ros.messages import pose_message, stamp_message
 from np_ros.node import Diagnostics, parameter, run
 from np_ros.task_domain import declare_domain
@@ -93,7 +97,7 @@ class RobotState(Node):
         )  # a hundred markers are small, meshes twenty times a second are not
         self._scene = self._data.scene()
         self._diagnostics = Diagnostics(self)
-        self._state: JointState | None = None
+        self._joints = ShownJoints(partial(decode_raw, kind=JointState))
         self._pose: Pose | None = None
         self._goal: Pose | None = None
         self._episode_goal: Pose | None = None
@@ -104,14 +108,11 @@ class RobotState(Node):
         self._tf = self.create_publisher(kind, "/tf", qos.RECORDER) if kind else None
         self._diagnostics.values["tf"] = "published" if kind else "tf2_msgs is not installed: markers only"
         stream = qos.REALTIME_SUBSCRIBER
-        self.create_subscription(JointState, "joint_states", self._on_state, stream)
+        self.create_subscription(JointState, "joint_states", self._joints.add, qos.VIEWER, raw=True)
         self.create_subscription(PoseStamped, "object_pose", lambda m: self._read("_pose", m), stream)
         self.create_subscription(PoseStamped, "goal_pose", lambda m: self._read("_goal", m), qos.LATCHED)
         self.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, qos.EVENT)
         self.create_timer(1.0 / rate, self._show)
-
-    def _on_state(self, message: JointState) -> None:
-        self._state = message
 
     def _read(self, name: str, message: PoseStamped) -> None:
         try:
@@ -123,11 +124,10 @@ class RobotState(Node):
         self._episode_goal = episode_goal(message) or self._episode_goal
 
     def _show(self) -> None:
-        if self._state is None:
+        if not self._joints:
             return
         try:
-            joints = joint_state_arrays(self._state, STATE_NAMES)[0]
-            stamp = stamp_nanoseconds(self._state.header.stamp)
+            stamp, joints = self._joints.read()
         except BadMessage as error:
             return self._diagnostics.refuse(error.kind, error)
         poses = self._data.poses(joints, self._pose, self._episode_goal or self._goal)

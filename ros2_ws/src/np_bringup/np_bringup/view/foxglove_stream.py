@@ -13,14 +13,15 @@ import foxglove
 from foxglove.messages import Color, ImageAnnotations, Point2, PointsAnnotation, PointsAnnotationType, Timestamp
 
 from np_bringup.nodes.robot_state_node import markers
+from np_bringup.view.shown_joints import ShownJoints
 from np_description.domains import Pose, Task
 from np_description.drawing.scene_data import SceneData
-from np_description.message_arrays import BadMessage, joint_state_arrays, keypoints_array, pose_arrays
-from np_description.panda import BASE_FRAME, STATE_NAMES
+from np_description.message_arrays import BadMessage, keypoints_array, pose_arrays
+from np_description.panda import BASE_FRAME
 from np_record.bag import Message, Recording
 from np_record.cdr import TYPESTORE
 from np_record.nodes.recorder_node import find_message_class
-from np_record.topics import TOPICS, Topic
+from np_record.topics import TIMELINE, TOPICS, Topic
 from np_ros import qos
 from np_ros.client.graph_client import GraphClient
 from np_ros.messages import serialize
@@ -40,6 +41,7 @@ class FoxgloveStream:
         self._data = SceneData(domain, meshes=False)
         self._scene = self._data.scene()
         self._seen: dict[str, object] = {}
+        self._joints = ShownJoints(Message.decode)
         self._due = 0
 
     def send(self, topic: Topic, data: bytes, stamp: int) -> None:
@@ -57,9 +59,11 @@ class FoxgloveStream:
         elif name in _COLOURS:
             self._seen[name] = keypoints_array(message.decode())[:, :2]
             self._corners.log(self._annotations(message.stamp), log_time=message.stamp)
-        elif name == "joint_states" and message.stamp >= self._due:
-            joints = joint_state_arrays(message.decode(), STATE_NAMES)[0]
-            poses = self._data.poses(joints, self._seen.get("object_pose"), self._seen.get("goal_pose"))
+        elif name == "joint_states":
+            self._joints.add(message)
+            if message.stamp < self._due:
+                return
+            poses = self._data.poses(self._joints.read()[1], self._seen.get("object_pose"), self._seen.get("goal_pose"))
             content = serialize(markers(self._scene, poses, message.stamp))
             self._channel(SCENE, "visualization_msgs/msg/MarkerArray").log(content, log_time=message.stamp)
             self._due = message.stamp + _PERIOD
@@ -101,7 +105,8 @@ def play(recording: Recording, stream: FoxgloveStream, *, paced: bool = True) ->
 def listen(peer: GraphClient, stream: FoxgloveStream) -> None:
     """Send what comes in the graph of `peer`, whose caller spins, at the time of the wall."""
     for topic in TOPICS:
-        profile = qos.LATCHED if topic.latched else qos.REALTIME_SUBSCRIBER
+        volatile = qos.VIEWER if topic is TIMELINE else qos.REALTIME_SUBSCRIBER
+        profile = qos.LATCHED if topic.latched else volatile
         forward = partial(_forward, stream, topic)
         peer.node.create_subscription(find_message_class(topic.type), topic.name, forward, profile, raw=True)
 

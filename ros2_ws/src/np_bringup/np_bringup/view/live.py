@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Image, JointState
 
 from np_bringup.view.recorded import encode_image, error
+from np_bringup.view.shown_joints import ShownJoints
 from np_bringup.view.window import Moment
 from np_description.domains import Pose, Task
 from np_description.drawing.scene_data import SceneData
-from np_description.message_arrays import BadMessage, image_array, joint_state_arrays, pose_arrays, stamp_nanoseconds
-from np_description.panda import BASE_FRAME, STATE_NAMES
+from np_description.message_arrays import BadMessage, image_array, pose_arrays
+from np_description.panda import BASE_FRAME
 from np_ros import qos
 from np_ros.client.graph_client import GraphClient
 from np_ros.goals import episode_goal
@@ -31,14 +33,14 @@ class LiveGraph:
 
     def __init__(self, peer: GraphClient, domain: Task, *, meshes: bool | None = None):
         self._scene, self._lock = SceneData(domain, meshes=meshes), threading.Lock()
-        self._state: bytes | None = None  # serialized: of 500 a second the page asks for twenty
+        self._joints = ShownJoints(partial(decode_raw, kind=JointState))
         self._pose: Pose | None = None
         self._goal: Pose | None = None
         self._episode_goal: Pose | None = None
-        self._phase, self._image = "", None
+        self._phase, self._image, self._image_fault = "", None, ""
         node = peer.node
         stream = qos.REALTIME_SUBSCRIBER
-        node.create_subscription(JointState, "joint_states", self._on_state, stream, raw=True)
+        node.create_subscription(JointState, "joint_states", self._joints.add, qos.VIEWER, raw=True)
         node.create_subscription(PoseStamped, "object_pose", self._on_pose, stream)
         node.create_subscription(PoseStamped, "goal_pose", self._on_goal, qos.LATCHED)
         node.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, qos.EVENT)
@@ -51,38 +53,37 @@ class LiveGraph:
 
     def state(self) -> dict:
         """Time s, poses, phase and error now; `poses` null, and why, before the first joint state."""
-        data, pose, goal = self._state, self._pose, self._episode_goal or self._goal
-        if data is None:
-            return {"time": 0.0, "poses": None, "phase": _SILENT, **error(None, None)}
+        pose, goal = self._pose, self._episode_goal or self._goal
         try:
-            message = decode_raw(data, JointState)
-            joints, stamp = joint_state_arrays(message, STATE_NAMES)[0], stamp_nanoseconds(message.header.stamp)
+            stamp, joints = self._joints.read()
         except BadMessage as bad:
-            return {"time": 0.0, "poses": None, "phase": f"joint_states: {bad}", **error(None, None)}
+            words = self._words(f"joint_states: {bad}" if self._joints else _SILENT)
+            return {"time": 0.0, "poses": None, "phase": words, **error(None, None)}
         with self._lock:  # the scene's kinematics have one place for what they compute
             poses = self._scene.poses(joints, pose, goal)
-        return {"time": stamp / 1e9, "poses": poses, "phase": self._phase, **error(pose, goal)}
+        return {"time": stamp / 1e9, "poses": poses, "phase": self._words(self._phase), **error(pose, goal)}
 
     def moment(self) -> Moment | None:
         """Joints, object and goal now; None before the first joint state that can be read."""
-        if self._state is None:
-            return None
         try:
-            joints = joint_state_arrays(decode_raw(self._state, JointState), STATE_NAMES)[0]
+            joints = self._joints.read()[1]
         except BadMessage:
             return None
         return Moment(joints, self._pose, self._episode_goal or self._goal)
 
     def image(self, time: float) -> bytes | None:
-        """The JPEG of the newest image, None where there is none."""
+        """The JPEG of the newest image, None where there is none, or none that can be read: then `state` tells why."""
         message = self._image
         try:
-            return None if message is None else encode_image(image_array(message))
-        except BadMessage:
-            return None
+            picture = None if message is None else encode_image(image_array(message))
+        except BadMessage as bad:
+            picture, self._image_fault = None, f"camera/image_raw: {bad}"
+        else:
+            self._image_fault = ""
+        return picture
 
-    def _on_state(self, data: bytes) -> None:
-        self._state = data
+    def _words(self, first: str) -> str:
+        return "; ".join(filter(None, (first, self._image_fault)))
 
     def _on_pose(self, message: PoseStamped) -> None:
         self._pose = _read(message, self._pose)

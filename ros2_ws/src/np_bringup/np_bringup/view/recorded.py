@@ -5,12 +5,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from np_bringup.view.shown_joints import ArmNotNamed, ShownJoints
 from np_description.domains import Pose, pose_error
 from np_description.drawing.scene_data import SceneData
-from np_description.message_arrays import image_array, joint_state_arrays, pose_arrays
+from np_description.message_arrays import image_array, pose_arrays
 from np_description.objects.choice import read_domain
-from np_description.panda import BASE_FRAME, STATE_NAMES
-from np_record.bag import BagError, Recording
+from np_description.panda import BASE_FRAME
+from np_record.bag import BagError, Message, Recording
 from np_record.recorded_phases import PHASE_TOPICS, read_phase_changes
 
 RATE = 20  # moments a second
@@ -20,7 +21,8 @@ _SECOND = 1_000_000_000
 class RecordedEpisode:
     """A bag, read once; one moment every 50 ms; meshes: as in `drawn_model`.
 
-    Raises BagError for a path that is none, or has no joint states.
+    Raises BagError for a path that is none, or has no joint states; BadMessage for messages that cannot be read, or never name the arm's
+    joints.
     """
 
     def __init__(self, path: str, *, meshes: bool | None = None):
@@ -31,7 +33,7 @@ class RecordedEpisode:
         self._images: list[tuple[int, bytes]] = []
         collected = {name: [] for name in PHASE_TOPICS}
         pose = goal = None
-        due = recording.start
+        due, joints, not_named = recording.start, ShownJoints(Message.decode), None
         wanted = ("joint_states", "object_pose", "goal_pose", "camera/image_raw", *PHASE_TOPICS)
         for message in recording.messages(*wanted):
             match message.topic.name:
@@ -41,11 +43,19 @@ class RecordedEpisode:
                     goal = Pose(*pose_arrays(message.decode(), BASE_FRAME))
                 case "camera/image_raw":
                     self._keep_image(message)
-                case "joint_states" if message.stamp >= due:
-                    self._moments.append(self._moment(message, pose, goal))
-                    due = message.stamp + _SECOND // RATE
+                case "joint_states":
+                    joints.add(message)
+                    if message.stamp < due:
+                        continue
+                    try:
+                        self._moments.append(self._moment(message.stamp, joints.read()[1], pose, goal))
+                        due = message.stamp + _SECOND // RATE
+                    except ArmNotNamed as error:
+                        not_named = error
                 case name if name in collected:
                     collected[name].append(message)
+        if not_named and not self._moments:
+            raise not_named
         try:
             self._phases = [
                 (self._time(stamp), str(state)) for stamp, state in read_phase_changes(str(path), collected)
@@ -70,9 +80,8 @@ class RecordedEpisode:
     def _keep_image(self, message) -> None:
         self._images.append((message.stamp, encode_image(image_array(message.decode()))))
 
-    def _moment(self, message, pose: Pose | None, goal: Pose | None) -> dict:
-        joints = joint_state_arrays(message.decode(), STATE_NAMES)[0]
-        return {"time": self._time(message.stamp), "poses": self._scene.poses(joints, pose, goal), **error(pose, goal)}
+    def _moment(self, stamp: int, joints: np.ndarray, pose: Pose | None, goal: Pose | None) -> dict:
+        return {"time": self._time(stamp), "poses": self._scene.poses(joints, pose, goal), **error(pose, goal)}
 
     def _time(self, stamp: int) -> float:
         return round((stamp - self._start) / _SECOND, 3)

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from np_bringup.view.shown_joints import ArmNotNamed, ShownJoints
 from np_description.domains import Pose, Task
 from np_description.drawing.meshes import load_visual_model
-from np_description.message_arrays import joint_state_arrays, pose_arrays
+from np_description.message_arrays import pose_arrays
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_description.scene import OBJECT
-from np_record.bag import Recording
+from np_record.bag import Message, Recording
 
 _PERIOD = 0.05  # s between two pictures
 _GOAL = np.array([0.2, 0.8, 0.3, 0.3], np.float32)
@@ -102,14 +103,23 @@ def play(recording: Recording, domain: Task, window: Callable[[Task], Window] = 
 
 def moments(recording: Recording) -> Iterator[tuple[float, Moment]]:
     """(s since the start, moment), twenty a second. Raises BadMessage."""
-    body = goal = None
-    due = recording.start
+    body = goal = not_named = None
+    due, joints = recording.start, ShownJoints(Message.decode)
     for message in recording.messages("joint_states", "object_pose", "goal_pose"):
         if message.topic.name == "object_pose":
             body = Pose(*pose_arrays(message.decode(), BASE_FRAME))
         elif message.topic.name == "goal_pose":
             goal = Pose(*pose_arrays(message.decode(), BASE_FRAME))
-        elif message.stamp >= due:
+        else:
+            joints.add(message)
+            if message.stamp < due:
+                continue
+            try:
+                moment = Moment(joints.read()[1], body, goal)
+            except ArmNotNamed as error:
+                not_named = not_named or error
+                continue
             due = message.stamp + round(_PERIOD * 1e9)
-            joints = joint_state_arrays(message.decode(), STATE_NAMES)[0]
-            yield (message.stamp - recording.start) / 1e9, Moment(joints, body, goal)
+            yield (message.stamp - recording.start) / 1e9, moment
+    if not_named and due == recording.start:
+        raise not_named
