@@ -93,6 +93,19 @@ def test_cells_that_are_cut_are_refused(encoding, height, width):
         image_array(image(encoding, rows, width))
 
 
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@given(height=st.integers(1, 6), width=st.integers(1, 6), value=st.integers(0, 255))
+def test_a_plain_picture_of_any_size_is_read_or_refused(encoding, height, width, value):
+    depth = ENCODINGS[encoding][0]
+    message = image(encoding, np.full((height, depth * width), value, np.uint8), width)
+    try:
+        got = image_array(message)
+    except BadMessage as error:
+        assert error.kind == "shape" and encoding.startswith(("y", "uyvy", "bayer"))
+    else:
+        assert got.shape == (height, width, 3) and (got == got[0, 0]).all()
+
+
 PICTURE = np.full((HEIGHT, WIDTH, 3), (200, 90, 30), np.uint8)
 
 
