@@ -24,6 +24,8 @@ STRANGER = """PhysX, whose contacts are rigid, takes about half of the wall's su
 wall by friction. In PhysX it slips from the fingertips while they draw it up and sideways, falls on its side, and is not recovered. In batches in
 MuJoCo 40 of 40 episodes succeed with 0.6 times the friction of the fingertips, with contacts 16 times as stiff, and with friction 8 times as stiff:
 none of these explains it. How a real robot would do is not known."""
+
+
 def read(folder: Path) -> Iterator[tuple[str, str, str, Mapping]]:
     """Task, name of the cell, file and data of each evaluation in `folder`; a cell that was not played has no file."""
     for task in TASKS:
