@@ -50,14 +50,13 @@ def estimate(
     if effect.nonlinear is not None and refined:
         effect, cells, width = _settle(design, cells, ids, candidate)
     key = (joints, inside, seed)
+    beside_curve = any(is_curve(design.candidates[m]) for m in inside)
     if effect is not candidate.effect:
-        whole, half = _interval(cells, ids, design, seed)
+        whole, half = _interval(cells, ids, design, seed, beside_curve)
     else:  # of all members of the group that are as they were
         if key not in search.intervals:
-            search.intervals[key] = _interval(cells, ids, design, seed)
+            search.intervals[key] = _interval(cells, ids, design, seed, beside_curve)
         whole, half = (values.copy() for values in search.intervals[key])
-    if any(is_curve(design.candidates[m]) for m in inside):
-        half = _widen_beside_curve(cells, ids, design, whole, half)
     if width:
         half = np.hypot(half, _shift(design, cells, ids, candidate, effect, width))
     at = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
@@ -108,9 +107,10 @@ def refine_nonlinear_parameter(search: ModelSearch, model: ScoredModel, member: 
 
 
 def _interval(
-    cells: list[ResidualCell], ids: np.ndarray, design: RegressionProblem, seed: int
+    cells: list[ResidualCell], ids: np.ndarray, design: RegressionProblem, seed: int, beside_curve: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(values (p,), half widths (p,)): from all blocks; the widest of posterior, bootstrap of blocks and `deviation_between_motions`."""
+    """(values (p,), half widths (p,)): from all blocks; the widest of posterior, bootstrap of blocks and `deviation_between_motions`.
+    beside_curve: whether the group holds a friction curve (`_widen_beside_curve`)."""
     weights = draw_counts(len(design.blocks), BOOTSTRAPS, seed).astype(float)
     whole = _whole(cells, ids, design)
     drawn = fit_parameters(
@@ -122,7 +122,9 @@ def _interval(
     )
     posterior = np.sqrt(np.diagonal(whole.covariance[0]))
     robust = deviation_between_motions(cells, ids, design, whole)
-    return whole.parameters[0], ESTIMATES.t95 * np.max([drawn.parameters.std(axis=0), posterior, robust], axis=0)
+    values = whole.parameters[0]
+    half = ESTIMATES.t95 * np.max([drawn.parameters.std(axis=0), posterior, robust], axis=0)
+    return values, _widen_beside_curve(cells, ids, design, values, half) if beside_curve else half
 
 
 def deviation_between_motions(

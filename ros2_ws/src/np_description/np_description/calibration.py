@@ -244,15 +244,18 @@ def calibrated_camera(path: str) -> Camera:
 
     Raises CalibrationError.
     """
-    return load(path).camera if path else CAMERA
+    return calibrated_view(path)[0]
 
 
-def calibrated_covariance(path: str) -> np.ndarray | None:
-    """Covariance (6, 6) of the pose of `calibrated_camera`, m and rad in base axes; None for "".
+def calibrated_view(path: str) -> tuple[Camera, np.ndarray | None]:
+    """`calibrated_camera`, and the covariance (6, 6) of its pose, m and rad in base axes; None for "".
 
     Raises CalibrationError.
     """
-    return load(path).covariance if path else None
+    if not path:
+        return CAMERA, None
+    found = load(path)
+    return found.camera, found.covariance
 
 
 def norm_bound(covariance: np.ndarray, dof: float = np.inf, share: float = 0.95) -> float:
