@@ -22,8 +22,9 @@ policies; these policies were trained and chosen without it, and their seeds the
 calibration error or change of light: images are rendered at the tick that they are stamped with, by the renderer family of the training images."""
 STRANGER = """PhysX, whose contacts are rigid, takes about half of the wall's success and a fifth of the bump's. The wall's box is lifted along the
 wall by friction. In PhysX it slips from the fingertips while they draw it up and sideways, falls on its side, and is not recovered. In batches in
-MuJoCo 40 of 40 episodes succeed with 0.6 times the friction of the fingertips, with contacts 16 times as stiff, and with friction 8 times as stiff:
-none of these explains it. How a real robot would do is not known."""
+MuJoCo 40 of 40 episodes succeed with 0.6 times the friction of the fingertips, with contacts 16 times as stiff, and with friction 8 times as stiff
+(`python -m np_training.evaluate --released wall --device cpu --episodes 40 --contact hard --set finger_friction=0.6`; `stiffness=16`;
+`friction_stiffness=8`): none of these explains it. How a real robot would do is not known."""
 
 
 def read(folder: Path) -> Iterator[tuple[str, str, str, Mapping]]:
