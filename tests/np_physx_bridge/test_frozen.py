@@ -13,7 +13,9 @@ pytestmark = pytest.mark.skipif(bool(missing()), reason=missing() or "PhysX is h
 
 PUSHED = {
     "1": [-0.12493, 0.42847, -0.10277, -2.13554, -0.10484, 2.56039, 0.78278, 0.0, 0.0]
-    + [0.55847, -0.14584, 0.045, 0.26386, 0.0, 0.0, -0.96456]
+    + [0.55847, -0.14584, 0.045, 0.26386, 0.0, 0.0, -0.96456],
+    "2": [-0.12387, 0.42094, -0.10318, -2.13718, -0.10549, 2.55444, 0.78271, 0.0, 0.0]
+    + [0.55662, -0.14551, 0.045, 0.26946, 0.0, 0.0, -0.96301],
 }
 """Generalised positions after the push, by version. An entry is never edited: another behaviour is another version."""
 

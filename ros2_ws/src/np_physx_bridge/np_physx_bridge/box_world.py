@@ -10,14 +10,14 @@ from np_description.domains import Pose
 from np_physx_bridge.library import sapien
 from np_physx_bridge.scene import (
     CONTACT_OFFSET,
-    OBJECT_ITERATIONS,
+    POSITION_ITERATIONS,
     SURFACING,
     VELOCITY_ITERATIONS,
     coefficient,
     scene,
 )
-from np_physx_bridge.shapes import SURROUNDINGS_BIT, stand_on_corners
-from np_sim_bridge.box_world import GRAVITY, STEP, TIP_RADIUS, BoxOnTable
+from np_physx_bridge.shapes import SURROUNDINGS_BIT, lie_on_edges, stand_on_corners
+from np_sim_bridge.box_world import GRAVITY, STEP, TIP_RADIUS, WALL_HALF_SIZE, BoxOnTable, wall_position
 
 TABLE, BOX, FINGER = SURROUNDINGS_BIT, 2, 4  # collision bits: the finger touches the box only
 FINGER_MASS = 1.1  # kg, with the arm behind it
@@ -36,6 +36,11 @@ class PhysxBoxWorld:
         self._attach(table, self._physx.PhysxCollisionShapePlane, (), contact, contact.table, TABLE, BOX)
         upwards = library.Pose([0, 0, 0], [np.sqrt(0.5), 0, -np.sqrt(0.5), 0])  # a plane of PhysX faces x
         self._add(table, upwards)
+        if world.beside_wall:
+            wall = self._physx.PhysxRigidStaticComponent()
+            shape, size = self._physx.PhysxCollisionShapeBox, (list(WALL_HALF_SIZE),)
+            self._attach(wall, shape, size, contact, contact.table, TABLE, BOX)
+            self._add(wall, library.Pose(wall_position(world)))
         self._box = self._physx.PhysxRigidDynamicComponent()
         half = list(world.half_size)
         self._attach(
@@ -56,10 +61,11 @@ class PhysxBoxWorld:
         own = coefficient(contact, friction, is_object)
         material = self._physx.PhysxMaterial(own, own, 0.0)
         shapes = [make(*size, material)]
-        is_plane = kind == TABLE
+        is_plane = make is self._physx.PhysxCollisionShapePlane
         shapes[0].set_collision_groups([kind, affinity, int(is_plane), 0])
         if is_object:
-            shapes += stand_on_corners(self._physx, shapes[0], size[0], material, self._sapien.Pose)
+            of_box = self._physx, shapes[0], size[0], material, self._sapien.Pose
+            shapes += lie_on_edges(*of_box) + stand_on_corners(*of_box)
         for shape in shapes:
             shape.set_contact_offset(CONTACT_OFFSET)
             shape.set_rest_offset(0.0)
@@ -73,7 +79,7 @@ class PhysxBoxWorld:
         body.set_angular_damping(0.0)
         body.set_max_depenetration_velocity(SURFACING)
         body.set_sleep_threshold(0.0)
-        body.set_solver_position_iterations(OBJECT_ITERATIONS)
+        body.set_solver_position_iterations(POSITION_ITERATIONS)
         body.set_solver_velocity_iterations(VELOCITY_ITERATIONS)
 
     def _add(self, component, pose) -> None:
@@ -89,9 +95,10 @@ class PhysxBoxWorld:
         finger.set_locked_motion_axes([False, False, False, True, True, True])
         drive = self._drive = self._physx.PhysxDriveComponent(finger)
         drive.set_parent(None)
-        drive.set_drive_property_x(STIFFNESS, DAMPING)
-        drive.set_drive_property_y(STIFFNESS, DAMPING)
-        drive.set_drive_property_z(*((0.0, PRESSING_DAMPING) if self._pressing else (STIFFNESS, DAMPING)))
+        by_axis = (drive.set_drive_property_x, drive.set_drive_property_y, drive.set_drive_property_z)
+        for axis, set_property in enumerate(by_axis):
+            is_pressing = self._pressing and self._pressing[0] == axis
+            set_property(*((0.0, PRESSING_DAMPING) if is_pressing else (STIFFNESS, DAMPING)))
         entity = self._sapien.Entity()
         entity.add_component(finger)
         entity.add_component(drive)
@@ -119,7 +126,8 @@ class PhysxBoxWorld:
             lever = matrix_from_quaternion(self.pose().quaternion) @ [0.0, 0.0, self._height]
             self._box.add_force_torque(self._force + self._mass * self._gravity, np.cross(lever, self._force))
             if self._press:
-                self._finger.add_force_torque([0.0, 0.0, -self._press], [0.0, 0.0, 0.0])
+                axis, sign = self._pressing
+                self._finger.add_force_torque(sign * self._press * np.eye(3)[axis], np.zeros(3))
             self._scene.step()
 
     def pose(self) -> Pose:

@@ -32,17 +32,16 @@ PARTS_CONTACT_OFFSET = 1e-2
 # finger of 1.1 kg is pressed through a card of 8 g from 12 N on, with 1 it is .05 mm deep at 60 N.
 SURFACING = 1.0
 PAD_MASS, PAD_STROKE = 5e-3, 3e-3  # kg, of 5.6 cm^3 of rubber less than of a whole finger; m, to either side
-POSITION_ITERATIONS, VELOCITY_ITERATIONS = 40, 1  # with fewer, a box that is pulled at .9 of its friction creeps
-# With fewer, a light object between hand and table lets the hand sink in, and throws it up again. With 100 and more, friction of a heavy
-# body on a light one is not Coulomb's any more: a card turns by 20 degrees under a tip that is drawn across it (`make bench`: by 1).
-OBJECT_ITERATIONS = 72
+# With fewer, a box that is pulled at .9 of its friction creeps. With 72, single precision ends the contact of a leaned hand that draws a box along
+# a wall in half of the steps (`np_sim_bridge.hand_bench`); with 100, a card turns by 20 degrees under a tip that is drawn across it.
+POSITION_ITERATIONS, VELOCITY_ITERATIONS = 40, 1
 # Of several bodies: with 40 a soft card of 1 g held fast under a tip that drew it 29 mm in MuJoCo, and leapt by 5 to 8 mm when it was let go.
 PARTS_ITERATIONS = 120
 # kg, of what one step of 2 ms bears between arm and table. All that one pass of the solver hands through a body is its mass times a speed: what is
 # lighter resists a tip of 10 N that draws it slowly by less than Coulomb's friction (5 g by .87 of it, 1 g by .65, with four steps .8), is pressed
-# through at 20 N (1 g: 6 mm, and it leaps), and has as many more, shorter steps. But of more than so many passes in 2 ms single precision makes a
+# through at 20 N (1 g: 6 mm, and it leaps), and has as many more, shorter steps. But of too many passes in 2 ms single precision makes a
 # contact that comes and goes: with 576 a card of any mass slips under a tip that had drawn it along.
-LIGHT, MOST_PASSES = 1e-2, 288
+LIGHT, MOST_STEPS, MOST_STEPS_OF_PARTS = 1e-2, 4, 2
 STICTION = 1e4  # N s/m, Nm s/rad: slope of Coulomb friction about standstill, until its limit is reached
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
@@ -58,7 +57,7 @@ def count_substeps(mass: float, *, is_rigid: bool) -> int:
     """Number of engine steps in 2 ms for an object of a mass kg: one from LIGHT on."""
     # A float of .008 over another must not make 2 of 1.
     wanted = int(np.ceil(LIGHT / mass - 1e-6))
-    return max(1, min(wanted, MOST_PASSES // (OBJECT_ITERATIONS if is_rigid else PARTS_ITERATIONS)))
+    return max(1, min(wanted, MOST_STEPS if is_rigid else MOST_STEPS_OF_PARTS))
 
 
 def scene(library: ModuleType, timestep: float):
@@ -100,7 +99,7 @@ class Translator:
         component.set_angular_damping(0.0)
         component.set_max_depenetration_velocity(SURFACING)
         component.set_sleep_threshold(0.0)
-        component.set_solver_position_iterations(OBJECT_ITERATIONS)
+        component.set_solver_position_iterations(POSITION_ITERATIONS)
         component.set_solver_velocity_iterations(VELOCITY_ITERATIONS)
         entity = self._sapien.Entity()
         entity.add_component(component)

@@ -15,7 +15,9 @@ from functools import partial
 from pathlib import Path
 
 from np_description.contact.model import CONTACTS, HARD
+from np_description.mujoco_engine import MujocoEngine
 from np_physx_bridge.box_world import PhysxBoxWorld
+from np_physx_bridge.engine import PhysxEngine
 from np_physx_bridge.library import missing
 from np_sim_bridge import static_bench as bench
 
@@ -23,11 +25,11 @@ from np_sim_bridge import static_bench as bench
 def results() -> dict[str, dict]:
     """Results by engine; PhysX only where it is installed."""
     found = {
-        f"MuJoCo {name}": bench.bench(bench.mujoco(contact), contact.table)
+        f"MuJoCo {name}": bench.bench(bench.mujoco(contact), partial(MujocoEngine, contact=contact), contact.table)
         for name, contact in sorted(CONTACTS.items(), reverse=True)
     }
     if not missing():
-        found["PhysX"] = bench.bench(partial(PhysxBoxWorld, contact=HARD), HARD.table)
+        found["PhysX"] = bench.bench(partial(PhysxBoxWorld, contact=HARD), PhysxEngine, HARD.table)
     return found
 
 

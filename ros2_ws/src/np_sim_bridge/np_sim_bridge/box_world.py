@@ -1,4 +1,4 @@
-"""A box on a table and one finger, in MuJoCo: the smallest world in which contact can be held against rigid theory."""
+"""A box on a table, perhaps beside a wall, and one finger, in MuJoCo: the smallest world in which contact is held against rigid theory."""
 
 from __future__ import annotations
 
@@ -27,8 +27,19 @@ class BoxOnTable:
     """kg."""
     tip: tuple[float, float, float] | None = None
     """Where the finger starts (3,) m; None: no finger."""
-    pressing: bool = False
-    """Whether the finger is pushed down by a force instead of held at a height."""
+    pressing: tuple[int, float] | None = None
+    """Axis (0 to 2) and sign along which a force pushes the finger; None: it is led along all three axes."""
+    beside_wall: bool = False
+    """Whether the box touches a fixed wall with its face towards +x."""
+
+
+DOWNWARDS, FORWARDS = (2, -1.0), (0, 1.0)
+WALL_HALF_SIZE = (0.08, 0.3, 0.3)  # m
+
+
+def wall_position(world: BoxOnTable) -> tuple[float, float, float]:
+    """Centre of the wall (3,) m."""
+    return world.half_size[0] + WALL_HALF_SIZE[0], 0.0, WALL_HALF_SIZE[2]
 
 
 class BoxWorld(Protocol):
@@ -41,7 +52,7 @@ class BoxWorld(Protocol):
         """Pull the box from now on with a force (3,) N, `height` m above its centre."""
 
     def lead(self, position: np.ndarray, press: float = 0.0) -> None:
-        """Lead the finger to (3,) m; where it presses, with `press` N downwards instead of to a height."""
+        """Lead the finger to (3,) m; along the axis on which it presses, with `press` N instead."""
 
     def step(self, seconds: float) -> None:
         """Let time go on."""
@@ -79,9 +90,10 @@ class MujocoBoxWorld:
 
     def lead(self, position: np.ndarray, press: float = 0.0) -> None:
         """As in BoxWorld."""
-        start = self._model.body("finger").pos
-        self._data.ctrl[:2] = (np.asarray(position) - start)[:2]
-        self._data.ctrl[2] = -press if self._pressing else position[2] - start[2]
+        self._data.ctrl[:3] = np.asarray(position) - self._model.body("finger").pos
+        if self._pressing:
+            axis, sign = self._pressing
+            self._data.ctrl[axis] = sign * press
 
     def step(self, seconds: float) -> None:
         """As in BoxWorld."""
@@ -123,6 +135,14 @@ def _spec(world: BoxOnTable, contact: ContactModel, timestep: float) -> mujoco.M
         mass=world.mass,
         **surface_options(OBJECT_FRICTION, contact.hard),
     )
+    if world.beside_wall:
+        spec.worldbody.add_geom(
+            name="wall",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=WALL_HALF_SIZE,
+            pos=wall_position(world),
+            **surface_options(contact.table, contact.hard),
+        )
     if world.tip is None:
         return spec
     finger = spec.worldbody.add_body(name="finger", pos=world.tip, gravcomp=1.0)
@@ -137,11 +157,11 @@ def _spec(world: BoxOnTable, contact: ContactModel, timestep: float) -> mujoco.M
         **surface_options(contact.finger, contact.rubber),
     )
     spec.geom("box").conaffinity = 3  # the finger touches the box only
-    for axis, name in zip(np.eye(3), "xyz"):
-        joint = finger.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+    for number, name in enumerate("xyz"):
+        joint = finger.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=np.eye(3)[number])
         joint.armature = 1.0  # of the arm behind it
         actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        if name == "z" and world.pressing:
+        if world.pressing and number == world.pressing[0]:
             joint.damping = np.array([50.0, 0, 0])
             actuator.set_to_motor()
         else:

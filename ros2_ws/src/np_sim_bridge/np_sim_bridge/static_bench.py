@@ -1,4 +1,4 @@
-"""Contact against rigid theory: press, drag, slide, creep, push off centre, tip over. The same questions to every engine.
+"""Contact against rigid theory: press, drag, slide, creep, push off centre, tip over, draw along a wall. The same questions to every engine.
 
     python -m np_sim_bridge.static_bench [--contact soft|hard]
 
@@ -16,12 +16,16 @@ import numpy as np
 
 from np_common.rotations import matrix_from_quaternion
 from np_description.contact.model import CONTACTS, ContactModel, find_contact
-from np_sim_bridge.box_world import GRAVITY, TIP_RADIUS, BoxOnTable, BoxWorld, MujocoBoxWorld
+from np_description.engine import MakeEngine
+from np_description.mujoco_engine import MujocoEngine
+from np_sim_bridge import hand_bench
+from np_sim_bridge.box_world import DOWNWARDS, FORWARDS, GRAVITY, STEP, TIP_RADIUS, BoxOnTable, BoxWorld, MujocoBoxWorld
 
 Make = Callable[[BoxOnTable], BoxWorld]
 
 CARD = BoxOnTable((0.025, 0.035, 0.0025), 0.008)
 CUBE = BoxOnTable((0.045, 0.045, 0.045), 0.146)
+TALL = BoxOnTable((0.025, 0.025, 0.05), 0.038)
 FORCES = (1.0, 5.0, 10.0, 20.0, 31.0)  # N
 HEADINGS = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0, 90.0)  # degrees, downhill
 
@@ -38,7 +42,7 @@ def press(make: Make) -> dict:
     above = (0.0, 0.0, 2 * CARD.half_size[2] + TIP_RADIUS)
     rows = []
     for force in FORCES:
-        world = make(BoxOnTable(CARD.half_size, CARD.mass, above, pressing=True))
+        world = make(BoxOnTable(CARD.half_size, CARD.mass, above, pressing=DOWNWARDS))
         world.lead(np.array(above), press=force)
         world.step(1.5)
         pose, half = world.pose(), np.array(CARD.half_size)
@@ -52,7 +56,7 @@ def press(make: Make) -> dict:
 def drag(make: Make, force: float = 5.0, distance: float = 0.03) -> dict:
     """A pressed fingertip drawn sideways: the card sticks to rubber and comes along, mm of mm."""
     above = np.array([0.0, 0.0, 2 * CARD.half_size[2] + TIP_RADIUS])
-    world = make(BoxOnTable(CARD.half_size, CARD.mass, tuple(above), pressing=True))
+    world = make(BoxOnTable(CARD.half_size, CARD.mass, tuple(above), pressing=DOWNWARDS))
     world.lead(above, press=force)
     world.step(1.0)
     began, steps = world.pose().position[0], 150
@@ -67,13 +71,41 @@ def drag_off_centre(make: Make, force: float = 5.0, offset: float = 0.02, distan
     """A fingertip pressed beside the card's middle and drawn across: how far the card turns, degrees. Not at all: friction with the
     table has its centre where the load has, which is below the tip, and the card weighs next to nothing."""
     above = np.array([0.0, offset, 2 * CARD.half_size[2] + TIP_RADIUS])
-    world, steps = make(BoxOnTable(CARD.half_size, CARD.mass, tuple(above), pressing=True)), 600
+    world, steps = make(BoxOnTable(CARD.half_size, CARD.mass, tuple(above), pressing=DOWNWARDS)), 600
     world.lead(above, press=force)
     world.step(1.0)
     for k in range(steps):
         world.lead(above + [distance * (k + 1) / steps, 0.0, 0.0], press=force)
         world.step(3.0 / steps)
     return {"turned_deg": abs(float(np.degrees(_turn(world))))}
+
+
+def tip_off_wall(make: Make, force: float = 10.0, distance: float = 0.03, seconds: float = 0.6) -> dict:
+    """A fingertip presses a weightless box on a wall and is drawn sideways: how far ahead of the middle it may press, mm, until the box
+    tips about its leading edge.
+
+    Friction on the wall and on the tip are a couple, which moves the wall's pressure ahead of the tip by the coefficient times the box's
+    depth. Beyond the edge of the box nothing presses back.
+    """
+    half = TALL.half_size
+    low, high = -half[1], half[1]
+
+    def tips(ahead: float) -> bool:
+        start = np.array([-half[0] - TIP_RADIUS, ahead, half[2]])
+        world = make(BoxOnTable(half, TALL.mass, tuple(start), pressing=FORWARDS, beside_wall=True))
+        world.pull(np.array([0.0, 0.0, TALL.mass * GRAVITY]))
+        world.lead(start, press=force)
+        world.step(0.6)
+        steps = round(seconds / STEP)
+        for k in range(steps):
+            world.lead(start + [0.0, distance * (k + 1) / steps, 0.0], press=force)
+            world.step(STEP)
+        return matrix_from_quaternion(world.pose().quaternion)[0, 0] < np.cos(0.1)
+
+    for _ in range(8):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if tips(middle) else (middle, high)
+    return {"ahead_mm": 1e3 * low}
 
 
 def slide(make: Make, friction: float, heading: float) -> dict:
@@ -114,11 +146,11 @@ def push_off_centre(make: Make, offset: float = 0.02, distance: float = 0.06) ->
 
 def tip_over(make: Make) -> dict:
     """Pulled high up, a box tips about its edge before it slides: the least force that does, over rigid theory's."""
-    tall, height = BoxOnTable((0.025, 0.025, 0.05), 0.038), 0.04  # m above its centre
-    theory = tall.mass * GRAVITY * tall.half_size[0] / (tall.half_size[2] + height)
+    height = 0.04  # m above its centre
+    theory = TALL.mass * GRAVITY * TALL.half_size[0] / (TALL.half_size[2] + height)
 
     def tips(force: float) -> bool:
-        world = make(tall)
+        world = make(TALL)
         world.step(0.3)
         world.pull(np.array([force, 0.0, 0.0]), height)
         world.step(0.6)
@@ -131,8 +163,8 @@ def tip_over(make: Make) -> dict:
     return {"force_n": high, "of_theory": high / theory}
 
 
-def bench(make: Make, friction: float) -> dict:
-    """All of it, for one engine and its contact."""
+def bench(make: Make, make_engine: MakeEngine, friction: float) -> dict:
+    """All of it, for one engine and its contact: its box world, and its whole scene."""
     return {
         "press": press(make),
         "drag": drag(make),
@@ -141,6 +173,8 @@ def bench(make: Make, friction: float) -> dict:
         "creep": creep(make, friction),
         "push_off_centre": push_off_centre(make),
         "tip_over": tip_over(make),
+        "tip_off_wall": tip_off_wall(make),
+        "without_touch": {name: hand_bench.draw_along_wall(make_engine, name) for name in hand_bench.DIRECTIONS},
     }
 
 
@@ -155,6 +189,8 @@ THEORY: dict[str, float | str] = {
     "creep at .9 of the load that slides, mm/s": 0.0,
     "force that tips, over theory's": 1.0,
     "pushed 20 mm beside its middle over 60 mm, degrees": "17 (corners) to 31 (patch)",
+    "finger ahead of the middle of a box that is drawn along a wall until it tips, mm": 5.0,
+    "steps without touch while a leaned hand draws a box along a wall, share": 0.0,
 }
 """What a rigid box does, question by question."""
 
@@ -174,6 +210,8 @@ def figures(answer: dict) -> dict[str, float]:
         answer["creep"]["mm_per_s"],
         answer["tip_over"]["of_theory"],
         answer["push_off_centre"]["turned_deg"],
+        answer["tip_off_wall"]["ahead_mm"],
+        max(answer["without_touch"].values()),
     )
     return dict(zip(THEORY, values, strict=True))
 
@@ -188,7 +226,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--contact", choices=sorted(CONTACTS), default="soft")
     contact = find_contact(parser.parse_args(arguments).contact)
-    print(json.dumps({"engine": "mujoco", "contact": contact.name, **bench(mujoco(contact), contact.table)}))
+    answer = bench(mujoco(contact), partial(MujocoEngine, contact=contact), contact.table)
+    print(json.dumps({"engine": "mujoco", "contact": contact.name, **answer}))
     return 0
 
 
