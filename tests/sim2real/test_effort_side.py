@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arm_generator import Truth, at, record
+from sim2real.arm import rigid_body as rigid
 from sim2real.arm.model import panda
 from sim2real.checks.effort_side import DRIVE, SENSOR, convert_to_drive_side, is_after_gear
 from sim2real.recordings.reading import load_log
+from sim2real.recordings.signals import Log
 
 from np_description.panda import NOMINAL
 
@@ -46,6 +48,43 @@ def test_a_sensor_after_the_gear_sees_no_rotor_and_may_see_friction(log, share):
     friction = np.tanh(own / 0.003) * NOMINAL.frictionloss + own * NOMINAL.damping
     seen = after_gear(log)
     assert is_after_gear([replace(seen, torque=seen.torque + share * friction)], ARM)
+
+
+def oscillate(frequencies):
+    """A log of sinusoids of all joints with these frequencies Hz (f,), measured at the drives."""
+    time = np.arange(5000) * 0.002
+    omega = 2 * np.pi * np.array(frequencies)[:, None, None]
+    angle = omega * time[:, None] + np.arange(7)
+    q = NOMINAL.ready + 0.2 * np.sin(angle).sum(axis=0)
+    dq = 0.2 * (omega * np.cos(angle)).sum(axis=0)
+    ddq = -0.2 * (omega**2 * np.sin(angle)).sum(axis=0)
+    torque = rigid.inverse_dynamics(ARM, q, dq, ddq, np.zeros(3)) + np.tanh(dq / 0.003) * ARM.frictionloss
+    return Log("sinusoids", time, q, dq, torque + dq * ARM.damping + ddq * ARM.armature, time, False, None)
+
+
+POSITION_TORQUES = {
+    "cable": lambda q: 3.0 * (q - NOMINAL.ready),
+    "gravity": lambda q: 0.1 * rigid.gravity_torque(ARM, q),
+    "tilt": lambda q: rigid.gravity_torque(ARM, q, np.array([0.5, 0.5, 0.0])),
+}
+
+
+@pytest.mark.parametrize("torque", POSITION_TORQUES.values(), ids=POSITION_TORQUES)
+@pytest.mark.parametrize("frequencies", [(0.15, 0.4), (0.25,)], ids=["two_sinusoids", "one_sinusoid"])
+def test_torques_by_position_hide_no_rotors(torque, frequencies):
+    """In one sinusoid they are in proportion to the rotor's, and friction alone decides."""
+    shown = oscillate(frequencies)
+    assert not is_after_gear([replace(shown, torque=shown.torque + torque(shown.position))], ARM)
+    seen = after_gear(shown)
+    assert is_after_gear([replace(seen, torque=seen.torque - torque(seen.position))], ARM)
+
+
+@pytest.mark.parametrize("torque", POSITION_TORQUES.values(), ids=POSITION_TORQUES)
+def test_torques_by_position_are_no_rotors_of_a_sensor_that_sees_friction(torque):
+    shown = oscillate((0.15, 0.4))
+    friction = np.tanh(shown.velocity / 0.003) * ARM.frictionloss + shown.velocity * ARM.damping
+    seen = after_gear(shown)
+    assert is_after_gear([replace(seen, torque=seen.torque + friction - torque(seen.position))], ARM)
 
 
 def test_the_public_panda_log_is_of_sensors_after_the_gear():

@@ -2,7 +2,8 @@
 
 A drive's torque includes the friction and the rotor of its joint; a sensor after the gear measures what moves the link. No
 fault of an arm removes the rotors of most joints. Part of a joint's friction may lie after the sensor, in bearings and cables, so
-that the rotor alone decides where there is friction.
+that the rotor alone decides where there is friction. In a sinusoid, a torque that depends on the position alone resembles a
+rotor's: wrong compensation of gravity, a cable, a steady pull. Such torques are estimated beside the rotor's.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ def is_after_gear(logs: Sequence[Log], arm: Arm, commanded: bool = False) -> boo
     samples, shares = sample_logs(list(logs), commanded), []
     gravity = None if samples.with_gravity else np.zeros(3)
     rigid_part = rigid.inverse_dynamics(arm, samples.position, samples.velocity, samples.acceleration, gravity)
+    # Torques by 1 m/s^2 along each axis: a linear model of wrong gravity in any direction.
+    gravities = np.stack([rigid.gravity_torque(arm, samples.position, axis) for axis in np.eye(3)], axis=-1)
     for j in range(len(arm)):
         friction = (
             samples.filter_function(j, lambda q, v: smooth_sign(v)) * arm.frictionloss[j]
@@ -39,11 +42,16 @@ def is_after_gear(logs: Sequence[Log], arm: Arm, commanded: bool = False) -> boo
         if slides.sum() < EFFORT.rows or not friction[slides].any():
             continue
         rotor = samples.acceleration[slides, j] * (arm.armature[j] or 1.0)
-        # An offset, and a wrong scale of the link's torque, are neither.
-        columns = np.column_stack([friction[slides], rotor, np.ones(slides.sum()), rigid_part[slides, j]])
+        # An offset, a wrong scale of the link's torque, and torques by position are neither.
+        others = np.column_stack([np.ones(len(samples)), rigid_part[:, j], samples.position[:, j], gravities[:, j]])[
+            slides
+        ]
+        columns = np.column_stack([friction[slides], others, rotor])
         residual = samples.torque[slides, j] - rigid_part[slides, j]
-        has_friction, has_rotor = np.linalg.lstsq(columns, residual, rcond=None)[0][:2]
-        shares.append((has_friction, has_rotor if arm.armature[j] else np.nan))
+        has_friction, *_, has_rotor = np.linalg.lstsq(columns, residual, rcond=None)[0]
+        apart = rotor - columns[:, :-1] @ np.linalg.lstsq(columns[:, :-1], rotor, rcond=None)[0]
+        is_determined = arm.armature[j] > 0 and np.std(apart) > EFFORT.apart * np.std(rotor)
+        shares.append((has_friction, has_rotor if is_determined else np.nan))
     if not shares:
         return False
     friction, rotor = np.transpose(shares)

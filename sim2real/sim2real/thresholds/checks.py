@@ -68,6 +68,8 @@ class Effort:
 
     share: float = 0.4
     """Share of the nominal friction, or of the rotors, below which a torque contains none of it."""
+    apart: float = 0.1
+    """Smallest share of a rotor's torque that resembles no other torque; below it, the rotor is not determined."""
     rows: int = 100
     """Smallest number of samples in which a joint slides."""
     smooth: int = 9
