@@ -18,7 +18,7 @@ scenes of the graph have hard ones."""
 BEFORE = {
     "card": """`make train DOMAIN=card SEED=1`, from nothing, in four calls of 66 minutes together. All randomisation was met at 113 M steps. Goals
 are turned by up to 90 degrees. The curve's dips are where the run was resumed: all episodes begin anew there. From 624 M steps on the run is in hard
-contacts, at 164,000 policy steps a second on one H200; before it was in steady ones. `growing` is steady contacts in the larger steps of training.""",
+contacts, at 164,000 policy steps a second on one H200; before it was in steady ones. Both learning rates began that stage at 5e-5, set by hand. `growing` is steady contacts in the larger steps of training.""",
     "bump": """`make train DOMAIN=bump SEED=1`, from nothing, in several calls of 70 minutes together, the later ones with `GPUS=2`. Two GPUs give
 425,000 policy steps a second, where one gave 214,000. Randomisation grows in ten steps, each at a success of 0.8; the run ended in the eighth. The
 curve's data has every second iteration.""",
