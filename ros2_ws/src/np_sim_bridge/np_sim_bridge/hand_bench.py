@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from np_common.rotations import vector_from_matrix
+from np_common.rotations import matrix_from_six, vector_from_matrix
 from np_control.kinematics import forward_kinematics, jacobian, solve_ik
 from np_description.domains import WALL, Pose
 from np_description.engine import MakeEngine
@@ -18,16 +18,14 @@ PRESS, SPEED, DISTANCE = 10.0, 0.1, 0.04  # N, m/s, m
 DIRECTIONS = {"up": (0.0, 0.0, 1.0), "sideways": (0.0, 1.0, 0.0), "both": (0.0, np.sqrt(0.5), np.sqrt(0.5))}
 # Hand axes in the base frame: the pads lean by 20 to 25 degrees about both of their sides, so that each touches with a corner.
 OUT_OF_HAND, FINGERS_OPEN = np.array([0.16, 0.31, -0.94]), np.array([0.19, -0.94, -0.28])
+LEANED = matrix_from_six(np.concatenate([OUT_OF_HAND, FINGERS_OPEN]))[:, ::-1] * [
+    -1,
+    1,
+    1,
+]  # its columns are z, y and -x
 BEFORE, BESIDE, ABOVE = 0.024, -0.005, 0.015  # m, of T_E from the box: before its face, beside and above its middle
 ALONG, ALONG_DAMPING, PRESS_DAMPING = 2000.0, 150.0, 60.0  # N/m, N s/m, N s/m
 TURNING, TURNING_DAMPING, NULL_DAMPING = 60.0, 3.0, 1.0  # Nm/rad, Nm s/rad, Nm s/rad
-
-
-def _leaned() -> np.ndarray:
-    z = OUT_OF_HAND / np.linalg.norm(OUT_OF_HAND)
-    y = FINGERS_OPEN - z * (z @ FINGERS_OPEN)
-    y /= np.linalg.norm(y)
-    return np.stack([np.cross(y, z), y, z], axis=1)
 
 
 def draw_along_wall(make: MakeEngine, direction: str) -> float:
@@ -37,11 +35,11 @@ def draw_along_wall(make: MakeEngine, direction: str) -> float:
     weight pull at, so the hand never leaves the box in rigid theory. direction: a key of DIRECTIONS. Gives the share of
     steps without touch while it is drawn.
     """
-    rotation, way, half = _leaned(), np.array(DIRECTIONS[direction]), WALL.half_size
+    way, half = np.array(DIRECTIONS[direction]), WALL.half_size
     (wall,) = WALL.obstacles
     box = np.array([wall.centre[0] - wall.half_size[0] - half[0], 0.0, half[2]])
     start = box + [-half[0] - BEFORE, BESIDE, ABOVE]
-    ready = solve_ik(np.array(NOMINAL.ready), start, rotation, iterations=200)
+    ready = solve_ik(np.array(NOMINAL.ready), start, LEANED, iterations=200)
     engine = make(WALL, panda=replace(NOMINAL, ready=ready))
     engine.reset(Pose(box, np.array([1.0, 0, 0, 0])))
     still, drawn, apart = round(1.0 / STEP), round(DISTANCE / SPEED / STEP), 0
@@ -53,7 +51,7 @@ def draw_along_wall(make: MakeEngine, direction: str) -> float:
         goal = start + way * SPEED * STEP * max(0, k - still)
         force = ALONG * (goal - hand) + ALONG_DAMPING * (velocity - twist[:3])
         force[0] = PRESS - PRESS_DAMPING * twist[0]
-        moment = TURNING * vector_from_matrix(rotation @ turned.T) - TURNING_DAMPING * twist[3:]
+        moment = TURNING * vector_from_matrix(LEANED @ turned.T) - TURNING_DAMPING * twist[3:]
         rest = speed - np.linalg.pinv(matrix) @ twist
         engine.step(matrix.T @ np.concatenate([force, moment]) - NULL_DAMPING * rest, np.zeros(7), 0.0)
         apart += k >= still and "finger" not in engine.pressing()

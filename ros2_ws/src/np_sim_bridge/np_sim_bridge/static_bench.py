@@ -36,6 +36,21 @@ def _turn(world: BoxWorld) -> float:
     return float(np.arctan2(rotation[1, 0], rotation[0, 0]))
 
 
+def _lead_along(world: BoxWorld, start: np.ndarray, way, seconds: float, steps: int, force: float = 0.0) -> None:
+    """Lead the finger evenly from `start` by `way` (3,) m in so many steps; where it presses, with `force` N."""
+    for k in range(steps):
+        world.lead(start + np.array(way) * (k + 1) / steps, press=force)
+        world.step(seconds / steps)
+
+
+def _bracket_tipping(tips: Callable[[float], bool], low: float, high: float) -> tuple[float, float]:
+    """Largest value that does not tip a box and smallest that does, between `low` and `high`, by bisection."""
+    for _ in range(8):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if tips(middle) else (middle, high)
+    return low, high
+
+
 def press(make: Make) -> dict:
     """A fingertip pressed on the card: how deep it is in it, and the card in the table, mm, by force N. By where they are, not by what
     the engine says of its contacts: one that lets the finger through has none to tell of."""
@@ -59,10 +74,8 @@ def drag(make: Make, force: float = 5.0, distance: float = 0.03) -> dict:
     world = make(BoxOnTable(CARD.half_size, CARD.mass, tuple(above), pressing=DOWNWARDS))
     world.lead(above, press=force)
     world.step(1.0)
-    began, steps = world.pose().position[0], 150
-    for k in range(steps):
-        world.lead(above + [distance * (k + 1) / steps, 0.0, 0.0], press=force)
-        world.step(3.0 / steps)
+    began = world.pose().position[0]
+    _lead_along(world, above, [distance, 0.0, 0.0], 3.0, 150, force)
     world.step(0.3)
     return {"drawn_mm": 1e3 * distance, "followed_mm": 1e3 * float(world.pose().position[0] - began)}
 
@@ -71,12 +84,10 @@ def drag_off_centre(make: Make, force: float = 5.0, offset: float = 0.02, distan
     """A fingertip pressed beside the card's middle and drawn across: how far the card turns, degrees. Not at all: friction with the
     table has its centre where the load has, which is below the tip, and the card weighs next to nothing."""
     above = np.array([0.0, offset, 2 * CARD.half_size[2] + TIP_RADIUS])
-    world, steps = make(BoxOnTable(CARD.half_size, CARD.mass, tuple(above), pressing=DOWNWARDS)), 600
+    world = make(BoxOnTable(CARD.half_size, CARD.mass, tuple(above), pressing=DOWNWARDS))
     world.lead(above, press=force)
     world.step(1.0)
-    for k in range(steps):
-        world.lead(above + [distance * (k + 1) / steps, 0.0, 0.0], press=force)
-        world.step(3.0 / steps)
+    _lead_along(world, above, [distance, 0.0, 0.0], 3.0, 600, force)
     return {"turned_deg": abs(float(np.degrees(_turn(world))))}
 
 
@@ -88,7 +99,6 @@ def tip_off_wall(make: Make, force: float = 10.0, distance: float = 0.03, second
     depth. Beyond the edge of the box nothing presses back.
     """
     half = TALL.half_size
-    low, high = -half[1], half[1]
 
     def tips(ahead: float) -> bool:
         start = np.array([-half[0] - TIP_RADIUS, ahead, half[2]])
@@ -96,16 +106,10 @@ def tip_off_wall(make: Make, force: float = 10.0, distance: float = 0.03, second
         world.pull(np.array([0.0, 0.0, TALL.mass * GRAVITY]))
         world.lead(start, press=force)
         world.step(0.6)
-        steps = round(seconds / STEP)
-        for k in range(steps):
-            world.lead(start + [0.0, distance * (k + 1) / steps, 0.0], press=force)
-            world.step(STEP)
+        _lead_along(world, start, [0.0, distance, 0.0], seconds, round(seconds / STEP), force)
         return matrix_from_quaternion(world.pose().quaternion)[0, 0] < np.cos(0.1)
 
-    for _ in range(8):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if tips(middle) else (middle, high)
-    return {"ahead_mm": 1e3 * low}
+    return {"ahead_mm": 1e3 * _bracket_tipping(tips, -half[1], half[1])[0]}
 
 
 def slide(make: Make, friction: float, heading: float) -> dict:
@@ -136,11 +140,9 @@ def push_off_centre(make: Make, offset: float = 0.02, distance: float = 0.06) ->
     """Pushed slowly 2 cm beside its middle over 6 cm: how far it turns, degrees. No theory: it depends on where the box
     bears (31 for a pressed patch, 17 for its corners), which no simulator knows."""
     start = np.array([-CUBE.half_size[0] - TIP_RADIUS - 1e-4, offset, CUBE.half_size[2]])
-    world, steps = make(BoxOnTable(CUBE.half_size, CUBE.mass, tuple(start))), 600
+    world = make(BoxOnTable(CUBE.half_size, CUBE.mass, tuple(start)))
     world.step(0.3)
-    for k in range(steps):
-        world.lead(start + [distance * (k + 1) / steps, 0.0, 0.0])
-        world.step(3.0 / steps)
+    _lead_along(world, start, [distance, 0.0, 0.0], 3.0, 600)
     return {"turned_deg": abs(float(np.degrees(_turn(world))))}
 
 
@@ -156,11 +158,8 @@ def tip_over(make: Make) -> dict:
         world.step(0.6)
         return matrix_from_quaternion(world.pose().quaternion)[2, 2] < np.cos(0.1)
 
-    low, high = 0.5 * theory, 1.5 * theory
-    for _ in range(8):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if tips(middle) else (middle, high)
-    return {"force_n": high, "of_theory": high / theory}
+    least = _bracket_tipping(tips, 0.5 * theory, 1.5 * theory)[1]
+    return {"force_n": least, "of_theory": least / theory}
 
 
 def bench(make: Make, make_engine: MakeEngine, friction: float) -> dict:
