@@ -11,14 +11,15 @@ from pages.markdown import head, paragraph, rate, table
 
 INTRODUCTION = """Policies are trained in MuJoCo Warp, then judged in batches of 1,000 episodes with mean actions and true corners. "Student" is the
 released pre-contact policy, which sees what the real one sees. The intervals are Wilson's at 95 %."""
-READING = """The weights are of the recipes in `recipes/`, from nothing. The runs of bump and wall ended before their recipe's end. In the tables each row has 1,000
+READING = """The weights are of the recipes in `recipes/`, from nothing. All three runs ended before their recipe's end. In the tables each row has 1,000
 episodes of the student, judged with the reflex at 40 N. In training the reflex stops an episode at 40 N of filtered force, times a factor of 0.6 to
 1.0. Forces are the largest of an episode, N, filtered over 10 ms but for the last column. Steady contacts grow from nothing at first touch; the
 scenes of the graph have hard ones."""
 BEFORE = {
     "card": """`make train DOMAIN=card SEED=1`, from nothing, in four calls of 66 minutes together. All randomisation was met at 113 M steps. Goals
 are turned by up to 90 degrees. The curve's dips are where the run was resumed: all episodes begin anew there. From 624 M steps on the run is in hard
-contacts, at 164,000 policy steps a second on one H200; before it was in steady ones. Both learning rates began that stage at 5e-5, set by hand. `growing` is steady contacts in the larger steps of training.""",
+contacts, at 164,000 policy steps a second on one H200; before it was in steady ones. Both learning rates
+began that stage at 5e-5, set by hand. `growing` is steady contacts in the larger steps of training.""",
     "bump": """`make train DOMAIN=bump SEED=1`, from nothing, in several calls of 70 minutes together, the later ones with `GPUS=2`. Two GPUs give
 425,000 policy steps a second, where one gave 214,000. Randomisation grows in ten steps, each at a success of 0.8; the run ended in the eighth. The
 curve's data has every second iteration.""",
@@ -39,9 +40,9 @@ in 7 % of the steps with touch.""",
 SEEDS = """Card and wall were trained again from nothing: `make train DOMAIN=wall SEED=2 GPUS=2 ARGS="--minutes 17.5"`, and the same for the card,
 beside each other on four H100 ([data](training_seeds.json), 2026-11-28). Rows are in hard contacts. Neither seed is released."""
 AFTER_SEEDS = """Two GPUs double the worlds of an update, so seed 2 of the wall had half as many updates as the release. Its curve had not levelled off.
-The card's recipe then had a second stage, goals at any turn; it had 172 M steps and reached 0.908 in growing contacts. In hard contacts it is too slow at the end: 448 of
-449 nominal failures are timeouts. The goal for the card at any turn, 0.99, is missed. After 2.5 minutes of distillation the students are 0.55 mm
-(card) and 0.12 mm (wall) from their teachers."""
+The card's recipe then had a second stage, goals at any turn; it had 172 M steps and reached 0.908 in growing contacts. In hard contacts it is too slow
+at the end: 448 of 449 nominal failures are timeouts. The goal for the card at any turn, 0.99, is missed. After 2.5 minutes of distillation the
+students are 0.55 mm (card) and 0.12 mm (wall) from their teachers."""
 REST = """`experiments/nano_push.py` ([data](training_forces.json)) reaches a success of 0.933 at the residual limits of deployment after 70 M steps and
 271 s on one H100. The fused contact solver gives 292,380 policy steps a second for the wall, the library's solver 124,001. For the card the figures
 are 329,538 and 134,215. Both are rollouts of 24,576 worlds in growing contacts on one H100."""
