@@ -208,7 +208,7 @@ def test_a_sealed_key_is_checked(tmp_path):
 
 FIRST_SEEDS = {
     "locked": 900,
-    "locked_friction": 53278,
+    "locked_friction": 14387,
     "locked_changes": 900,
     "locked_six": 600,
     "task": 907,
