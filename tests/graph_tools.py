@@ -31,7 +31,7 @@ from np_ros import qos
 from np_ros.client.connection_status import ConnectionStatus
 from np_ros.client.graph_client import GraphClient
 from np_ros.processes.graph import NodeSpec
-from np_ros.processes.supervisor import Supervisor, installed_command
+from np_ros.processes.supervisor import Supervisor, find_installed_command
 
 Overrides = Mapping[str, Mapping[str, object]]
 ROOT = Path(__file__).resolve().parents[1]
@@ -41,7 +41,7 @@ TIMEOUT = 120.0  # s; only how long a broken graph takes to fail, never a requir
 def command(package: str, executable: str) -> list[str]:
     """The installed executable, the node's module where the packages are used from source, or an example's file."""
     try:
-        return installed_command(package, executable)
+        return find_installed_command(package, executable)
     except LookupError:
         if example := next((ROOT / package).glob(f"*{executable}.py"), None):
             return [sys.executable, str(example)]

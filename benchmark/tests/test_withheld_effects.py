@@ -8,7 +8,7 @@ from sim2real.report.task_document import check_schema, document
 from sim2real.task.diagnosis import TaskRecordings, diagnose_task
 from sim2real.task.object_motion import patch_check as motion
 from sim2real.task.object_motion.patch_check import CheckedPatch, withhold_harmful_effects
-from sim2real.task.object_motion.prediction import prediction_errors, removed_share
+from sim2real.task.object_motion.prediction import estimate_removed_share, prediction_errors
 
 from np_blind.task.simulated_lab import SimulatedLab
 from np_description.domains import BUMP
@@ -51,7 +51,7 @@ def hopping(rest, *hops):
 )
 def test_what_makes_nearly_every_window_worse_goes_though_a_hop_hides_it(monkeypatch, after, is_given):
     before = hopping(0.6, 7.0, 7.0)
-    assert removed_share(before, after).high > 0  # by the sum alone nothing would go
+    assert estimate_removed_share(before, after).high > 0  # by the sum alone nothing would go
     monkeypatch.setattr(motion, "prediction_errors", lambda _, patch, *more: after if patch.effects else before)
     assert withhold_harmful_effects([None], Patch((ROUGH,))).withheld.keys() == (
         set() if is_given else {"table_friction"}

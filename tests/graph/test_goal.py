@@ -28,7 +28,7 @@ from np_description.domains import (
     sample_task,
 )
 from np_description.message_arrays import pose_arrays, stamp_nanoseconds
-from np_description.objects.scenarios import COUNT, fixed_task
+from np_description.objects.scenarios import COUNT, make_fixed_task
 from np_description.panda import BASE_FRAME, NOMINAL, STATE_NAMES
 from np_ros import qos
 from np_ros.messages import joint_state_message, pose_message
@@ -181,7 +181,7 @@ def test_a_goal_is_its_own_domains_alone(domain):
             with pytest.raises(ValueError, match=f"expected one of {domain.name}'s goals"):
                 check_goal(domain, sample_task(other, rng)[1])
     for number in range(1, COUNT + 1):
-        check_goal(domain, fixed_task(domain, number)[1])
+        check_goal(domain, make_fixed_task(domain, number)[1])
 
 
 def test_a_command_asks_for_goals_of_its_region_and_a_backend_may_be_beside_it_by_a_slack():

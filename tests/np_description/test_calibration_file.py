@@ -16,8 +16,8 @@ from np_description.calibration import (
     CalibrationErrors,
     Lens,
     TablePlane,
-    calibrated_camera,
     load,
+    load_calibrated_camera,
     norm_bound,
 )
 from np_description.camera import CAMERA
@@ -63,8 +63,8 @@ def test_the_camera_to_project_with_looks_where_the_policies_learned_to_look(tmp
     distance, angle = calibration.displacement
     assert distance == pytest.approx(np.sqrt(3) * 0.01) and angle == pytest.approx(np.linalg.norm([0.01, 0.02, 0.01]))
     calibration.save(tmp_path / "camera.yaml")
-    assert calibrated_camera(str(tmp_path / "camera.yaml")) == calibration.camera
-    assert calibrated_camera("") is CAMERA
+    assert load_calibrated_camera(str(tmp_path / "camera.yaml")) == calibration.camera
+    assert load_calibrated_camera("") is CAMERA
 
 
 def test_age():

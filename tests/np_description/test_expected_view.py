@@ -5,12 +5,12 @@ import pytest
 
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, CARD, WALL
-from np_description.drawing.expected_view import STEP, expected_outlines
+from np_description.drawing.expected_view import STEP, find_expected_outlines
 
 
 @pytest.mark.parametrize("domain", [CARD, BUMP, WALL])
 def test_lines_lie_every_ten_centimetres_on_the_table_then_edges_of_fixed_boxes(domain):
-    lines = expected_outlines(domain)
+    lines = find_expected_outlines(domain)
     table, edges = np.split(lines, [len(lines) - 12 * len(domain.obstacles)])
     ends = CAMERA.at_height(CAMERA.rays(table.reshape(-1, 2)), 0.0)
     np.testing.assert_allclose(ends / STEP, np.round(ends / STEP), atol=1e-6)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sensor_msgs.msg import CompressedImage, Image
 
-from np_description.message_arrays import ENCODINGS, BadMessage, compressed_image_array, image_array
+from np_description.message_arrays import ENCODINGS, BadMessage, decode_compressed_image, image_array
 
 HEIGHT, WIDTH, SEAM = 8, 16, 8
 UNREAD = ("mono16", "16UC1", "32FC1", "rgb16", "bayer_rggb16", "8UC3", "nv21", "RGB8", "")
@@ -118,7 +118,7 @@ def test_a_compressed_picture_comes_back(text, suffix):
     picture = PICTURE[..., :1].repeat(3, axis=-1) if text.startswith("mono") else PICTURE
     stored = picture[..., 0] if text.startswith("mono") else picture[..., ::-1]
     message = CompressedImage(format=text, data=cv2.imencode(f".{suffix}", stored)[1].tobytes())
-    np.testing.assert_allclose(compressed_image_array(message).astype(int), picture, rtol=0, atol=3)
+    np.testing.assert_allclose(decode_compressed_image(message).astype(int), picture, rtol=0, atol=3)
 
 
 @pytest.mark.parametrize(
@@ -128,11 +128,11 @@ def test_a_compressed_picture_comes_back(text, suffix):
 )
 def test_a_format_that_is_not_read_is_named(text):
     with pytest.raises(BadMessage, match="expected jpeg or png") as refusal:
-        compressed_image_array(CompressedImage(format=text, data=cv2.imencode(".png", PICTURE)[1].tobytes()))
+        decode_compressed_image(CompressedImage(format=text, data=cv2.imencode(".png", PICTURE)[1].tobytes()))
     assert refusal.value.kind == "encoding" and str(refusal.value).endswith(f"got '{text}'")
 
 
 @pytest.mark.parametrize("data", [b"", b"\xff\xd8\xff", b"text"])
 def test_bytes_that_are_no_picture_are_refused(data):
     with pytest.raises(BadMessage, match=f"got {len(data)} bytes that make none"):
-        compressed_image_array(CompressedImage(format="jpeg", data=data))
+        decode_compressed_image(CompressedImage(format="jpeg", data=data))

@@ -17,7 +17,7 @@ from np_description.domains import BUMP, CARD, DOMAINS, WALL, is_lost, sample_ta
 from np_description.objects.choice import domain_with, embed_object_text, find_object, place_object, read_domain
 from np_description.objects.files import ObjectError, object_text, parse_object, read_object
 from np_description.objects.parts import split_object
-from np_description.objects.scenarios import COUNT, fixed_task
+from np_description.objects.scenarios import COUNT, make_fixed_task
 from np_description.objects.spec import Contents, Friction, ObjectSpec, Softness, Surface
 from np_description.objects.table import BASELINES, ROWS, SURFACES, TRIES, rows_of
 from np_description.scene import OBJECT, load_model
@@ -220,7 +220,7 @@ def test_starts_keep_clear_of_obstacles_whatever_the_size(domain, factor):
 
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)
 def test_scenarios_are_tasks_of_the_domain(domain):
-    tasks = [fixed_task(domain, number) for number in range(1, COUNT + 1)]
+    tasks = [make_fixed_task(domain, number) for number in range(1, COUNT + 1)]
     starts, goals = (np.array([task[i].position for task in tasks]) for i in (0, 1))
     assert np.linalg.norm(goals - starts, axis=1).min() > domain.min_distance
     for places in (starts, goals):
@@ -229,12 +229,12 @@ def test_scenarios_are_tasks_of_the_domain(domain):
         for pose, regions in ((start, (domain.start,)), (goal, domain.goals)):
             x, y, _ = pose.position
             assert any(r.x[0] <= x <= r.x[1] and r.y[0] <= y <= r.y[1] for r in regions)
-        again, same = (fixed_task(domain, number, np.random.default_rng(seed)) for seed in (5, 5))
+        again, same = (make_fixed_task(domain, number, np.random.default_rng(seed)) for seed in (5, 5))
         np.testing.assert_array_equal(again[0].position, same[0].position)
         assert 0 < np.abs(again[0].position - start.position).max() <= 0.002
         np.testing.assert_array_equal(again[1].position, goal.position)
     with pytest.raises(ValueError, match="scenario: expected 1 to 3, got 4"):
-        fixed_task(domain, 4)
+        make_fixed_task(domain, 4)
 
 
 @every_row

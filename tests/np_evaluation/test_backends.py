@@ -3,7 +3,7 @@
 import pytest
 
 from np_bringup.backends import ENGINES
-from np_bringup.task_graph import checked_graph, task_graph
+from np_bringup.task_graph import check_and_build_graph, task_graph
 from np_diagnosis.commands import excite
 from np_diagnosis.commands.excite import make_graph
 from np_evaluation.commands import evaluate
@@ -108,7 +108,7 @@ def test_what_does_not_go_together_is_named(changes, text):
 )
 def test_a_launch_with_a_wrong_file_or_choice_gives_no_nodes(changes, text):
     with pytest.raises(ValueError, match=text):
-        checked_graph(changes)
+        check_and_build_graph(changes)
 
 
 def test_who_measures_the_loop_waits_for_a_core_no_longer_than_the_backend(tmp_path):

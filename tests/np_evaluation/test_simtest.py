@@ -13,7 +13,7 @@ from np_evaluation.simtest.faults import InjectedFault
 from np_evaluation.simtest.network import Network
 from np_evaluation.simtest.plan import Plan
 from np_evaluation.simtest.process import Process
-from np_evaluation.simtest.scheduler import SECOND, Disk, Locks, Scheduler, simulated_host
+from np_evaluation.simtest.scheduler import SECOND, Disk, Locks, Scheduler, simulate_host
 from np_evaluation.simtest.shrink import play, shrink
 from np_ros import qos
 from np_ros.processes.graph import NodeSpec
@@ -46,7 +46,7 @@ class BestEffort(Talker):
 def talk(kind, weather=None, seconds=2.0, act=lambda process, scheduler: None):
     scheduler = Scheduler(0)
     network = Network(scheduler)
-    with simulated_host(scheduler, Locks(), Disk()):
+    with simulate_host(scheduler, Locks(), Disk()):
         process = Process(network, NodeSpec("", "talker"), kind, lambda text: None, lambda: ["talker"])
         if weather:
             network.weather["/said"] = weather

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from np_ros.processes.graph import LaunchArgument, NodeSpec, complete
-from np_ros.processes.supervisor import NodeDied, Supervisor, installed_command, reserve_domain_id
+from np_ros.processes.supervisor import NodeDied, Supervisor, find_installed_command, reserve_domain_id
 
 SCRIPTS = {
     "patient": "import signal; print('up', flush=True); signal.pause()",
@@ -195,7 +195,7 @@ def test_two_users_use_different_domains(umask):
 def test_an_executable_that_is_not_installed_is_named(monkeypatch, tmp_path):
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     with pytest.raises(LookupError, match="np_policy/post_contact"):
-        installed_command("np_policy", "post_contact")
+        find_installed_command("np_policy", "post_contact")
 
 
 def test_a_node_has_its_namespace_and_the_users_parameters_come_last(supervisor, tmp_path):

@@ -18,7 +18,7 @@ from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
 from np_policy.networks import PostContactNetwork
 from np_policy.policy import PostContactPolicy
 from np_training import contracts
-from np_training.contracts import add_contract, trained_contract
+from np_training.contracts import add_contract, make_trained_contract
 from np_training.physics.config import PhysicsConfig
 
 
@@ -66,17 +66,17 @@ def test_weights_that_do_not_say_what_they_are_get_none(tmp_path):
 
 
 def test_the_training_writes_contracts_that_the_nodes_accept_and_what_only_it_knows():
-    trained = trained_contract(PRE_CONTACT, BUMP, damping_floor=1.0)
+    trained = make_trained_contract(PRE_CONTACT, BUMP, damping_floor=1.0)
     assert PolicyContract.of(PRE_CONTACT, BUMP).compare(trained.text(), "x.safetensors") == []
     assert trained.damping_ratio_range == (1.0, 2.0)
-    beyond = trained_contract(PRE_CONTACT, BUMP, damping_floor=0.25)
+    beyond = make_trained_contract(PRE_CONTACT, BUMP, damping_floor=0.25)
     with pytest.raises(
         WeightsError, match=r"damping_ratio_range: expected one within \[0.5, 2.0\] up to its end, got \[0.25"
     ):
         PolicyContract.of(PRE_CONTACT, BUMP).compare(beyond.text(), "x.safetensors")
     assert trained.control_rate == 250.0 and trained.target_delay == (0.005, 0.04)
-    soft = trained_contract(PRE_CONTACT, replace(CARD, contact=SOFT))
+    soft = make_trained_contract(PRE_CONTACT, replace(CARD, contact=SOFT))
     assert soft.control_rate == 200.0
-    other = trained_contract(POST_CONTACT, BUMP, PhysicsConfig(substeps=10))
+    other = make_trained_contract(POST_CONTACT, BUMP, PhysicsConfig(substeps=10))
     with pytest.raises(WeightsError, match="policy_rate: expected 10.0, got 20.0"):
         PolicyContract.of(POST_CONTACT, BUMP).compare(other.text(), "x.safetensors")

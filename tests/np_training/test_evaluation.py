@@ -15,7 +15,7 @@ from np_training.environment.config import EnvironmentConfig
 from np_training.environment.environment import Environment
 from np_training.episodes.drawing import draw_recording
 from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
-from np_training.episodes.evaluation import rate, released_networks, summarise
+from np_training.episodes.evaluation import load_released_networks, rate, summarise
 from np_training.episodes.recording import load_recording
 from np_training.ppo.networks import ActorCritic
 from np_training.tasks.randomisation import NOMINAL_CONDITIONS, PAPER, ROBUST
@@ -173,5 +173,5 @@ def test_a_recording_without_an_episode_to_draw_says_so(tmp_path):
 
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_released_weights_are_judged_with_the_damping_that_their_node_decodes(domain):
-    _, setting, _ = released_networks(domain)
+    _, setting, _ = load_released_networks(domain)
     assert setting["damping_floor"] == damping_floor(weights_file(POST_CONTACT, find_domain(domain)))

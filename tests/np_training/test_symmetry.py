@@ -11,7 +11,7 @@ from np_description.camera import CAMERA
 from np_description.domains import BUMP, CARD, WALL, sample_task
 from np_description.keypoints import box_keypoints
 from np_description.symmetry import canonical_rotation, canonicalize_keypoints, corner_orders, symmetries
-from np_policy.observation import normalised_keypoints
+from np_policy.observation import normalise_keypoints
 from np_training.environment.object_poses import canonical_poses, corners
 from np_training.tasks.poses import Poses
 
@@ -91,4 +91,4 @@ def test_training_sees_what_the_nodes_see(seed, index):
     seen = canonical_poses(BUMP, *called)
     nodes = canonicalize_keypoints(BUMP, *(pixels(BUMP, p.position, p.quaternion) for p in (start, goal)))
     for poses, expected in zip(seen, nodes):
-        np.testing.assert_allclose(normalised_keypoints(corners(BUMP, poses))[0].numpy(), expected, atol=1e-9)
+        np.testing.assert_allclose(normalise_keypoints(corners(BUMP, poses))[0].numpy(), expected, atol=1e-9)

@@ -7,7 +7,7 @@ import pytest
 from arm_generator import PERIOD, Truth, record
 from sim2real.arm import rigid_body as rigid
 from sim2real.arm.model import panda
-from sim2real.arm.nominal_prediction import expected_torque
+from sim2real.arm.nominal_prediction import predict_expected_torque
 from sim2real.checks.lack_of_fit import omnibus_test
 from sim2real.checks.stationarity import _has_slipped, find_patterns, measure_misfits
 from sim2real.effects.transmission import transmission_hysteresis as transmission
@@ -61,7 +61,7 @@ def lively():
     angle = omega * time[:, None, None] + rng.uniform(0, 2 * np.pi, (3, 7))
     q = panda().rest + (0.3 / omega * np.sin(angle)).sum(axis=1)
     dq, ddq = 0.3 * np.cos(angle).sum(axis=1), -0.3 * (omega * np.sin(angle)).sum(axis=1)
-    torque = expected_torque(q, dq, ddq, panda(), True) + 0.02 * rng.normal(size=q.shape)
+    torque = predict_expected_torque(q, dq, ddq, panda(), True) + 0.02 * rng.normal(size=q.shape)
     return Log("lively", time, q, dq, torque, time, True)
 
 

@@ -8,7 +8,7 @@ import pytest
 from arm_generator import Truth, record
 from rclpy.serialization import serialize_message
 from sim2real.arm.model import panda
-from sim2real.arm.nominal_prediction import expected_torque
+from sim2real.arm.nominal_prediction import predict_expected_torque
 from sim2real.checks.plausibility import check_plausibility
 from sim2real.cli import diagnose as command
 from sim2real.recordings.reading import ContractViolation, load_log
@@ -77,7 +77,7 @@ def swinging(joint, amplitude, hertz):
     angle, omega = 2 * np.pi * hertz * time, 2 * np.pi * hertz
     q[:, joint] += amplitude * np.sin(angle)
     dq[:, joint], ddq[:, joint] = amplitude * omega * np.cos(angle), -amplitude * omega**2 * np.sin(angle)
-    torque = expected_torque(q, dq, ddq, arm, True)
+    torque = predict_expected_torque(q, dq, ddq, arm, True)
     return Log("swinging", time, q, dq, torque, time, True)
 
 

@@ -44,8 +44,8 @@ def test_what_is_less_than_physical_is_told_by_effect_joint_and_what_is_in_force
     )
     wanted = NOMINAL.frictionloss[1] - 5.0
     told = f"coulomb_friction at panda_joint2: asks for a frictionloss of {wanted:.4g} Nm, in force is 0"
-    assert patch.clipped_parameters() == [told] and patch.panda().frictionloss[1] == 0.0
-    assert Patch(patch.effects[1:]).clipped_parameters() == []
+    assert patch.list_clipped_parameters() == [told] and patch.panda().frictionloss[1] == 0.0
+    assert Patch(patch.effects[1:]).list_clipped_parameters() == []
 
 
 ENTRY = {"effect": "coulomb_friction", "component": "panda_joint1", "parameters": {"level": 0.1}}

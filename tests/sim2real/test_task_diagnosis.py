@@ -18,7 +18,7 @@ from sim2real.task.diagnosis import MODULES, NOT_SEEN, TaskRecordings, diagnose_
 from sim2real.task.hypotheses import Hypothesis, HypothesisComparison, TaskFinding
 from sim2real.task.keypoint_noise import KeypointNoise, visible_noise_effects
 from sim2real.task.keypoint_track import KeypointTrack
-from sim2real.task.object_motion.prediction import removed_share
+from sim2real.task.object_motion.prediction import estimate_removed_share
 from sim2real.task.reading import read_recordings
 from sim2real.task.suite.hand_eye_offset import FaceContact
 from sim2real.task.suite.hand_eye_offset import offset_from_faces as judge_meeting
@@ -271,7 +271,7 @@ def test_a_turned_camera_shows_an_object_off_by_the_same_whichever_corners_are_s
 
 
 def test_the_interval_of_a_share_knows_of_windows_that_differ():
-    alike = removed_share(np.full(12, 2.0), np.full(12, 1.0))
+    alike = estimate_removed_share(np.full(12, 2.0), np.full(12, 1.0))
     assert alike.value == alike.low == alike.high == 0.5
-    wide = removed_share(np.full(12, 2.0), np.r_[np.zeros(6), np.full(6, 2.0)])
+    wide = estimate_removed_share(np.full(12, 2.0), np.r_[np.zeros(6), np.full(6, 2.0)])
     assert wide.value == 0.5 and wide.low < 0.3 and wide.high > 0.7

@@ -26,7 +26,7 @@ from np_training.physics.config import LEARNED_IN, PhysicsConfig, physics_for
 from np_training.tasks.randomisation import DELAY_STEP, PAPER
 
 
-def trained_contract(
+def make_trained_contract(
     kind: str,
     domain: Task,
     physics: PhysicsConfig | None = None,
@@ -59,7 +59,7 @@ def contract_for(path: Path) -> Contract:
             f"weights: {path}: expected a detector, or a name that begins with {' or '.join(KINDS)} and metadata with the "
             f"domain, got metadata {sorted(metadata)}"
         )
-    return trained_contract(kind, find_domain(metadata["domain"]))
+    return make_trained_contract(kind, find_domain(metadata["domain"]))
 
 
 def add_contract(path: Path) -> bool:

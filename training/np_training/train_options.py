@@ -73,7 +73,7 @@ def parse() -> argparse.Namespace:
         arguments.effects = load_effects(arguments.effects)
         arguments.stages = tuple(_complete(recipe.domain, stage) for stage in recipe.stages)
         for stage in arguments.stages:
-            played_domain(recipe.domain, arguments.object, stage)
+            choose_played_domain(recipe.domain, arguments.object, stage)
     except (ValueError, RecipeError) as error:
         parser.error(str(error))
     arguments.domain = recipe.domain
@@ -99,7 +99,7 @@ def _complete(name: str, settings: Settings) -> Settings:
     return replace(settings, reward={"far": task.far, **settings.reward}, **own)
 
 
-def played_domain(name: str, object_ref: str, settings: Settings) -> Task:
+def choose_played_domain(name: str, object_ref: str, settings: Settings) -> Task:
     """The domain with the object chosen, and opening and turns of the settings (None: the domain's own).
 
     Raises ValueError, one line, for an object that the domain has not or that cannot be trained with, and for another opening or turn.

@@ -60,7 +60,7 @@ def segments(path: Path, names: tuple[str, ...]) -> str:
     return re.sub(r"^( +)", lambda spaces: spaces[0][: len(spaces[0]) // 2], "\n".join(parts), flags=re.MULTILINE)
 
 
-def fused_module(licence: str) -> str:
+def write_fused_module(licence: str) -> str:
     """The text of the new module mujoco_warp/_src/solver_fused.py."""
     constants = segments(Path(solve.__file__), ("SIZES", "MOST_DOFS", "LANES"))
     native = f'SOURCE = r"""{kernel.SOURCE.read_text()}"""\n'
@@ -88,7 +88,7 @@ def make_patch() -> str:
     licence = before[: before.index("import dataclasses")]
     path, added = "mujoco_warp/_src/solver.py", "mujoco_warp/_src/solver_fused.py"
     changed = difflib.unified_diff(before.splitlines(True), after.splitlines(True), f"a/{path}", f"b/{path}")
-    module = fused_module(licence).splitlines(True)
+    module = write_fused_module(licence).splitlines(True)
     new = difflib.unified_diff([], module, "/dev/null", f"b/{added}")
     return "".join([*changed, f"diff --git a/{added} b/{added}\nnew file mode 100644\n", *new])
 

@@ -14,7 +14,7 @@ from sim2real.task.contact_force.fit import NominalContact
 from sim2real.task.diagnosis import TaskDiagnosis, TaskRecordings, diagnose_task, make_patch
 from sim2real.task.hypotheses import module_of
 from sim2real.task.object_motion.patch_check import CheckedPatch, withhold_harmful_effects
-from sim2real.task.object_motion.prediction import prediction_errors, removed_share
+from sim2real.task.object_motion.prediction import estimate_removed_share, prediction_errors
 from sim2real.task.object_motion.windows import FAMILIES
 from sim2real.task.suite.object_pose import camera_over_table, pose_between
 from sim2real.task.suite.occlusion import mask_occluded_keypoints
@@ -115,7 +115,7 @@ def held_out_motion(case: TaskCase, found: TaskDiagnosis, kept: CheckedPatch, fr
     known = np.all([np.isfinite(values) for values in off.values()], axis=0)
     if not known.any():
         return {}
-    removed = removed_share(off["believed"][known], off["patch"][known])
+    removed = estimate_removed_share(off["believed"][known], off["patch"][known])
     return {
         "windows": int(known.sum()),
         "lost": int((~known).sum()),

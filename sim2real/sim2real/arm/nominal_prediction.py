@@ -59,7 +59,7 @@ def predict_torques(samples: Samples, arm: Arm) -> Prediction:
     )
 
 
-def expected_torque(position, velocity, acceleration, arm: Arm, with_gravity: bool) -> np.ndarray:
+def predict_expected_torque(position, velocity, acceleration, arm: Arm, with_gravity: bool) -> np.ndarray:
     """What the sensors of the nominal arm would show (n, k) Nm of a motion; near standstill only roughly."""
     still = None if with_gravity else np.zeros(3)
     rigid_part = rigid.inverse_dynamics(arm, position, velocity, acceleration, still)

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from sim2real.arm.model import Arm, panda
-from sim2real.arm.nominal_prediction import expected_torque
+from sim2real.arm.nominal_prediction import predict_expected_torque
 from sim2real.recordings.reading import ContractViolation
 from sim2real.recordings.signals import Log, Samples, sample_logs
 from sim2real.thresholds import THRESHOLDS
@@ -92,7 +92,7 @@ def _check_speed(log: Log, arm: Arm, samples: Samples, rows: np.ndarray) -> None
         left = []
         for unit in (1.0, np.radians(1.0)):
             factor = np.where(np.arange(len(arm)) == j, unit, 1.0)
-            moved = expected_torque(
+            moved = predict_expected_torque(
                 position * factor, velocity * factor, acceleration * factor, arm, samples.with_gravity
             )
             error = (PLAUSIBILITY.torque_error * arm.torque_limit[j]) ** 2
@@ -123,7 +123,9 @@ def _check_torque(log: Log, arm: Arm, samples: Samples, rows: np.ndarray) -> Non
     def tried(values: np.ndarray) -> np.ndarray:
         return np.concatenate([values[:, order] * flip for _, _, order, flip in trials])
 
-    moved = expected_torque(*map(tried, channels), arm, samples.with_gravity).reshape(len(trials), *torque.shape)
+    moved = predict_expected_torque(*map(tried, channels), arm, samples.with_gravity).reshape(
+        len(trials), *torque.shape
+    )
     answered = tried(torque).reshape(moved.shape)
     for what, residual in (
         ("torque", answered - moved[0]),

@@ -176,7 +176,7 @@ def _questions(
             shown.append((cell.matrix[:, at] @ values[cell.ids[at]], place))
             names.append(candidate.effect.id)
     if shown and (cell.stage is not Stage.DYNAMICS or DRIFT not in names):
-        elapsed = normalised_time(context, cell)
+        elapsed = normalise_time(context, cell)
         yield "size", np.column_stack([c * elapsed**power for c, _ in shown for power in (1, 2)])
     if cell.stage is Stage.DYNAMICS:
         s = context.samples
@@ -194,7 +194,7 @@ def _questions(
         yield "twist", _twist(context, j)
 
 
-def normalised_time(context: Context, cell: ResidualCell) -> np.ndarray:
+def normalise_time(context: Context, cell: ResidualCell) -> np.ndarray:
     """Time (n,) of a cell's rows, -1..1 from the beginning of the first recording to the end of the last (`Context.begins`)."""
     source = context.drive if cell.stage in (Stage.CONTROLLER, Stage.DRIVE) else context.samples
     time = source.time + context.begins[source.trajectory]

@@ -57,7 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
     # Slow to import, and not wanted by --help.
     from sim2real import single_thread  # noqa: F401, I001  before NumPy
     from np_common.cli import Progress
-    from np_description.calibration import CalibrationError, calibrated_camera
+    from np_description.calibration import CalibrationError, load_calibrated_camera
     from sim2real.effects.patch import Patch, dump_patch, load_patch
     from sim2real.recordings.reading import ContractViolation
     from sim2real.report.task_document import check_schema, document
@@ -77,7 +77,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     try:
         on_stage("read")
-        camera = calibrated_camera(options.calibration)
+        camera = load_calibrated_camera(options.calibration)
         arm, panda = None, Patch().panda()
         if options.arm:
             arm = read_arm_result(options.arm)

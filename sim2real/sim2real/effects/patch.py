@@ -99,7 +99,7 @@ class Patch:
             armature=np.maximum(arm.armature, LEAST_ARMATURE),
         )
 
-    def clipped_parameters(self, nominal: PandaModel = NOMINAL) -> list[str]:
+    def list_clipped_parameters(self, nominal: PandaModel = NOMINAL) -> list[str]:
         """Where the patch asks for less than is physical: a line for each, with effects, joint, and what is in force."""
         requested, effective = self._requested(nominal), self.panda(nominal)
         lines = []

@@ -12,7 +12,7 @@ from sim2real.inference.fit import ParameterFit, fit_parameters, parameter_indic
 from sim2real.inference.model_averaging import between_model_deviations
 from sim2real.inference.regression import Candidate, RegressionProblem
 from sim2real.inference.residual_cells import ResidualCell, make_cell
-from sim2real.inference.search import ModelSearch, ScoredModel, absorbed_by_nuisance, is_curve
+from sim2real.inference.search import ModelSearch, ScoredModel, average_absorbed, is_curve
 from sim2real.thresholds import THRESHOLDS
 
 ESTIMATES, CURRENT = THRESHOLDS.estimates, THRESHOLDS.current
@@ -79,7 +79,7 @@ def estimate(
         value = float(nonlinear.value)
         found[nonlinear.name] = Estimate(value, value - width, value + width, nonlinear.unit)
     if effect.absorbs:
-        extra = absorbed_by_nuisance(design, ids, whole, effect)
+        extra = average_absorbed(design, ids, whole, effect)
         found = {
             name: replace(e, value=e.value + extra, low=e.low + extra, high=e.high + extra) for name, e in found.items()
         }

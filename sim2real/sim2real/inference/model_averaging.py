@@ -31,7 +31,7 @@ def between_model_deviations(
             known[one, other] = near and (is_in_column_space(design, *pair) or is_in_column_space(design, *pair[::-1]))
         return known[one, other]
 
-    for others in search.scored_groups(joints):
+    for others in search.list_scored_groups(joints):
         same = [n for n in others if _is_same(design.candidates[n], mine)]
         if same and not any(overlap(same[0], n) for n in others if n != same[0]):
             rivals.append((search.group_value(joints, others), others, same[0]))

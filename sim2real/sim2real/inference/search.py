@@ -112,7 +112,7 @@ class ModelSearch:
             self._groups[key] = (result, float(0.5 * np.square((mean - centre) / prior).sum()))
         return self._groups[key]
 
-    def scored_groups(self, joints: tuple[int, ...]) -> list[tuple[int, ...]]:
+    def list_scored_groups(self, joints: tuple[int, ...]) -> list[tuple[int, ...]]:
         """The candidates of each group of exactly these joints that has been scored."""
         return [inside for other, inside in self._groups if other == joints]
 
@@ -242,7 +242,7 @@ class ModelSearch:
         group = self.ids(joints, inside)
         found = self.group(joints, inside)[0].fit.parameters.mean(axis=0)
         own = np.isin(group, ids)
-        values = found[own] + absorbed_by_nuisance(self.design, group, found, effect)
+        values = found[own] + average_absorbed(self.design, group, found, effect)
         return bool((np.abs(values) <= least).all()) or not self._is_visible(group[own], values, effect.acts)
 
     def _is_visible(self, ids: np.ndarray, values: np.ndarray, acts: float = 1.0) -> bool:
@@ -339,9 +339,7 @@ def is_curve(candidate: Candidate) -> bool:
     return bool(ARM_EFFECTS[candidate.effect.id].special_cases)
 
 
-def absorbed_by_nuisance(
-    design: RegressionProblem, ids: np.ndarray, values: np.ndarray, effect: EffectRegressor
-) -> float:
+def average_absorbed(design: RegressionProblem, ids: np.ndarray, values: np.ndarray, effect: EffectRegressor) -> float:
     """The part of an effect that its nuisance (`Signature.absorbs`) has taken up, on average over the joints.
 
     Of a delay of commands that is all of the nuisance; of a delay of states it is what the nuisance has beyond the

@@ -88,11 +88,11 @@ def module_text(result: ModuleResult, diagnosis: TaskDiagnosis) -> str:
     if result.abstention_reason:
         parts.append(result.abstention_reason)
     text = "; ".join(parts) or "as it is believed to be"
-    measured = measured_text(result.module, diagnosis)
+    measured = describe_measured(result.module, diagnosis)
     return " ".join(f"{part[0].upper()}{part[1:]}." for part in (text, measured) if part)
 
 
-def measured_text(module: str, diagnosis: TaskDiagnosis) -> str:
+def describe_measured(module: str, diagnosis: TaskDiagnosis) -> str:
     """What was measured of a module beside its nominal value; "" where nothing was."""
     forces, surfaces, hand_eye = diagnosis.forces, diagnosis.surfaces, diagnosis.hand_eye
     measured = (forces.measured or {}) if forces else {}

@@ -42,7 +42,7 @@ def verify_patch(logs: Sequence[Log], patch: Patch, seed: int = 0) -> dict[str, 
         "removed": float(1 - after / max(before, 1e-12)),
         "removed_ci95": [float(low), float(high)],
         "by_joint_rad": {name: {"before": float(b), "after": float(a)} for name, b, a in by_joint},
-        "held_back": patch.clipped_parameters(),
+        "held_back": patch.list_clipped_parameters(),
     }
 
 

@@ -58,7 +58,7 @@ def held_out_images(
     if visited is not None:
         states = mix_visited(states, visited, SampleConfig.visited, generator)
     for part in states.split(-(-count // PATTERNS) if patterned else count):
-        model = patterned_model(domain, generator) if patterned else load_visual_model(domain, meshes=meshes)
+        model = make_patterned_model(domain, generator) if patterned else load_visual_model(domain, meshes=meshes)
         looks, camera = Looks(model, look, "cpu"), make_renderer(renderer, model)
         for state in part:
             values = looks.sample(1, generator)
@@ -75,7 +75,7 @@ def held_out_images(
         camera.close()
 
 
-def patterned_model(domain: Task, generator: torch.Generator) -> mujoco.MjModel:
+def make_patterned_model(domain: Task, generator: torch.Generator) -> mujoco.MjModel:
     """The scene on a table with a checker or gradient pattern of random colours and size."""
     draw = torch.rand(8, generator=generator).tolist()
     spec = build_scene(domain)

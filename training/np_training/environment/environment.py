@@ -13,7 +13,7 @@ import torch
 
 from np_description.domains import Task, is_lost, is_success, pose_error
 from np_policy import action as actions
-from np_policy.observation import normalised_keypoints, post_contact_observation
+from np_policy.observation import normalise_keypoints, post_contact_observation
 from np_training.environment import contact
 from np_training.environment.config import EnvironmentConfig, force_scale
 from np_training.environment.draws import PERIOD, EpisodeDraws
@@ -93,7 +93,7 @@ class Environment:
         objects, goals = canonical_poses(self.domain, self.objects, self.goals)
         pixels = self.view.keypoints(self._seen_corners(objects)) + self.draws.keypoint_bias
         goal_corners = corners(self.domain, goals)
-        goal_pixels = normalised_keypoints(
+        goal_pixels = normalise_keypoints(
             self.draws.show_by_camera(c, goal_corners) if c.goal_in_image else goal_corners
         )
         pixels = pixels + c.keypoint_noise * self._normal(self.config.worlds, 16).reshape(-1, 8, 2)

@@ -8,7 +8,7 @@ from np_common.rotations import matrix_from_quaternion, quaternion_multiply, six
 from np_description.domains import Task
 from np_description.keypoints import box_keypoints
 from np_description.symmetry import canonical_rotation, symmetries
-from np_policy.observation import normalised_keypoints
+from np_policy.observation import normalise_keypoints
 from np_training.tasks.poses import Poses
 
 PRE_STATE_SIZE = 18
@@ -31,7 +31,7 @@ def canonical_poses(domain: Task, objects: Poses, goals: Poses) -> tuple[Poses, 
     if not domain.interchangeable:
         return objects, goals
     turns = torch.tensor(symmetries(domain.half_size), dtype=goals.position.dtype, device=goals.position.device)
-    turn = turns[canonical_rotation(domain, normalised_keypoints(corners(domain, goals)))]
+    turn = turns[canonical_rotation(domain, normalise_keypoints(corners(domain, goals)))]
     axes = matrix_from_quaternion(turn).abs()  # which of the old edges lies along each of the new axes
     return tuple(
         Poses(

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from np_description.contact.depths import DepthHistogram
-from np_description.objects.scenarios import fixed_task
+from np_description.objects.scenarios import make_fixed_task
 from np_description.panda import NOMINAL
 from np_description.scene import SUPPORT_SHARE
 from np_policy.action import RESIDUAL_LIMITS_FINAL
@@ -118,7 +118,9 @@ def run_episodes(
     env.physics.varied.bend(everyone, torch.zeros(worlds, 2, device=device), torch.zeros(worlds, 2, 3, device=device))
     env.physics.varied.support(everyone, SUPPORT_SHARE * one[:, None].expand(worlds, 3))
     env.draws.factors.fill_(1.0)
-    objects, goals = fixed_tasks(env, scenario, seed) if scenario else sample_tasks(env.domain, worlds, env.generator)
+    objects, goals = (
+        make_fixed_tasks(env, scenario, seed) if scenario else sample_tasks(env.domain, worlds, env.generator)
+    )
     drawn = env.config.conditions
     if drawn.resizes:
         scale = edges(worlds, drawn.size, env.generator)
@@ -171,10 +173,10 @@ def run_episodes(
     )
 
 
-def fixed_tasks(env: Environment, scenario: int, seed: int | None) -> tuple[Poses, Poses]:
+def make_fixed_tasks(env: Environment, scenario: int, seed: int | None) -> tuple[Poses, Poses]:
     """Starts and goals (worlds,) of a scenario of the domain. Raises ValueError for one that there is not."""
     rng = np.random.default_rng(seed)
-    tasks = [fixed_task(env.domain, scenario, rng) for _ in range(env.config.worlds)]
+    tasks = [make_fixed_task(env.domain, scenario, rng) for _ in range(env.config.worlds)]
 
     def stacked(name: str, end: int) -> torch.Tensor:
         return torch.tensor(

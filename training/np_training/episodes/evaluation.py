@@ -23,7 +23,7 @@ from np_policy.networks import PreContactNetwork
 from np_policy.size_generalization import read_size_range
 from np_policy.weights import load
 from np_training.checkpoints import read_state
-from np_training.contracts import trained_contract
+from np_training.contracts import make_trained_contract
 from np_training.environment.config import EnvironmentConfig
 from np_training.environment.environment import Environment
 from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
@@ -139,7 +139,7 @@ def read_checkpoint(path: Path) -> tuple[ActorCritic, dict, int]:
     return networks, setting_of(state), state["steps"]
 
 
-def released_networks(domain: str) -> tuple[ActorCritic, dict, None]:
+def load_released_networks(domain: str) -> tuple[ActorCritic, dict, None]:
     """Networks whose post-contact policy is the released one of a domain, and its setting; the others, which are not
     released, are untrained. Raises WeightsError where the weights are missing or were trained for something else."""
     networks, task = ActorCritic(), find_task(domain)
@@ -154,7 +154,7 @@ def released_networks(domain: str) -> tuple[ActorCritic, dict, None]:
     return networks, setting_of({"setting": setting}), None
 
 
-def judged_rows(arguments: argparse.Namespace) -> list[Judged]:
+def choose_judged_rows(arguments: argparse.Namespace) -> list[Judged]:
     """What the command line asks for: a recipe's rows, or sets of conditions with its changes. Raises ValueError."""
     if arguments.recipe:
         return list(read_recipe(arguments.recipe).judge)
@@ -169,7 +169,7 @@ def evaluate_all(arguments: argparse.Namespace, effects: Patch, refuse: Callable
     refuse: told, in a line, what checkpoint and command line do not have together.
     """
     networks, setting, steps = (
-        released_networks(arguments.released) if arguments.released else read_checkpoint(arguments.checkpoint)
+        load_released_networks(arguments.released) if arguments.released else read_checkpoint(arguments.checkpoint)
     )
     networks.to(arguments.device)
     if arguments.released and not arguments.student:
@@ -177,12 +177,14 @@ def evaluate_all(arguments: argparse.Namespace, effects: Patch, refuse: Callable
     try:
         setting = chosen(setting, **{name: getattr(arguments, name, None) for name in setting})
         domain = domain_of(setting)
-        rows = judged_rows(arguments)
+        rows = choose_judged_rows(arguments)
     except ValueError as error:
         refuse(str(error))
     if arguments.video and setting["object"] != DEFAULT:
         refuse("--video draws a domain's own object: leave it out with another")
-    contract = trained_contract(PRE_CONTACT, find_domain(setting["domain"]), damping_floor=setting["damping_floor"])
+    contract = make_trained_contract(
+        PRE_CONTACT, find_domain(setting["domain"]), damping_floor=setting["damping_floor"]
+    )
     student = None
     if arguments.student:
         network = load(PreContactNetwork(), arguments.student, contract).to(arguments.device)

@@ -17,7 +17,7 @@ from np_description.objects.choice import DEFAULT, object_reference
 from np_policy import hand_pose
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
 from np_policy.networks import PostContactNetwork, PreContactNetwork
-from np_policy.observation import normalised_keypoints, student_observation
+from np_policy.observation import normalise_keypoints, student_observation
 from np_policy.size_generalization import (
     SIZES,
     canonical_object_position,
@@ -26,7 +26,7 @@ from np_policy.size_generalization import (
 )
 from np_policy.weights import load, save
 from np_training.checkpoints import read_state
-from np_training.contracts import trained_contract
+from np_training.contracts import make_trained_contract
 from np_training.environment import contact
 from np_training.environment.object_poses import canonical_poses, corners, pre_contact_state
 from np_training.environment.view import BatchedView
@@ -101,7 +101,7 @@ def shares_with(domain: Task, practice: float) -> tuple[float, ...]:
 
 def _keypoints(domain: Task, objects: Poses, goals: Poses, view: BatchedView) -> tuple[torch.Tensor, torch.Tensor]:
     seen, wanted = (corners(domain, poses) for poses in canonical_poses(domain, objects, goals))
-    return view.keypoints(seen, is_first=True), normalised_keypoints(wanted)
+    return view.keypoints(seen, is_first=True), normalise_keypoints(wanted)
 
 
 def distil(
@@ -209,12 +209,12 @@ def distil_checkpoint(arguments: argparse.Namespace, refuse: Callable[[str], NoR
     played = {"domain": domain.name, "object": object_reference(domain)}
     if arguments.sizes != (1.0, 1.0):
         played[SIZES] = "{:g} {:g}".format(*arguments.sizes)
-    save(student, path, trained_contract(PRE_CONTACT, domain, damping_floor=setting["damping_floor"]), played)
+    save(student, path, make_trained_contract(PRE_CONTACT, domain, damping_floor=setting["damping_floor"]), played)
     if arguments.weights is not None:
         post = PostContactNetwork()
         post.load_state_dict({name[5:]: t for name, t in state["networks"].items() if name.startswith("post.")})
         arguments.weights.mkdir(parents=True, exist_ok=True)
         for kind, network in ((PRE_CONTACT, student), (POST_CONTACT, post)):
             file = arguments.weights / f"{kind}_{domain.name}.safetensors"
-            save(network, file, trained_contract(kind, domain, damping_floor=setting["damping_floor"]), played)
+            save(network, file, make_trained_contract(kind, domain, damping_floor=setting["damping_floor"]), played)
     return {"file": str(path), **played, "practice": arguments.practice, **figures}

@@ -23,7 +23,7 @@ from np_training.ppo.progress import TrainingProgress
 from np_training.ppo.trainer import Trainer
 from np_training.setting import setting_of
 from np_training.tasks.rewards import RewardConfig
-from np_training.train_options import CHECKPOINT, played_domain
+from np_training.train_options import CHECKPOINT, choose_played_domain
 
 
 def make_trainer(arguments: argparse.Namespace, device: str, number: int, state: dict | None) -> Trainer:
@@ -31,7 +31,7 @@ def make_trainer(arguments: argparse.Namespace, device: str, number: int, state:
     settings = arguments.stages[number]
     drawn = settings.drawn
     environment = Environment(
-        played_domain(arguments.domain, arguments.object, settings),
+        choose_played_domain(arguments.domain, arguments.object, settings),
         device,
         EnvironmentConfig(
             worlds=arguments.worlds,

@@ -22,7 +22,7 @@ from np_policy.networks import PostContactNetwork, PreContactNetwork
 from np_policy.size_generalization import SIZES
 from np_policy.weights import load, save, sha256
 from np_training.checkpoints import read_state
-from np_training.contracts import trained_contract
+from np_training.contracts import make_trained_contract
 from np_training.ppo.learner import learning_rate
 from np_training.report import PHYSICS_STEPS, TrainingRun, read_run
 from np_training.reports.curves import draw_curves
@@ -164,7 +164,7 @@ def release(
     post = PostContactNetwork()
     post.load_state_dict({name[5:]: tensor for name, tensor in state["networks"].items() if name.startswith("post.")})
     contracts = {
-        kind: trained_contract(kind, find_domain(domain), damping_floor=setting["damping_floor"]) for kind in KINDS
+        kind: make_trained_contract(kind, find_domain(domain), damping_floor=setting["damping_floor"]) for kind in KINDS
     }
     modules = {POST_CONTACT: post, PRE_CONTACT: load(PreContactNetwork(), student, contracts[PRE_CONTACT])}
     today = datetime.date.today().isoformat()

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from math import pi
 from typing import TYPE_CHECKING
 
-from np_policy.action import normalised_stiffness
+from np_policy.action import normalise_stiffness
 
 if TYPE_CHECKING:
     import torch  # slow, and nothing here but its tensors is meant
@@ -118,7 +118,7 @@ class RewardConfig:
         old, new = self.potentials(before), self.potentials(after)
         terms = {name: new[name] - old[name] for name in new} | {
             "success": self.success * success,
-            "gains": -self.gains * normalised_stiffness(stiffness).sum(-1),
+            "gains": -self.gains * normalise_stiffness(stiffness).sum(-1),
             "failure": self.failure * lost,
             "bare": self.bare * (BARE_FIRST + (1 - BARE_FIRST) * touch.strictness) * touch.bare,
             "force": self.force * touch.strictness * saturating((touch.force - FORCE_FREE) / FORCE_SPAN),

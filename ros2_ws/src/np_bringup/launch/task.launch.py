@@ -1,7 +1,7 @@
 """The task graph, for every domain: ros2 launch np_bringup task.launch.py [name:=value ...]; --show-args lists arguments."""
 
 from np_bringup.task_graph import ARGUMENTS
-from np_bringup.task_graph import checked_graph as graph
+from np_bringup.task_graph import check_and_build_graph as graph
 from np_ros.processes.graph import launch_description
 
 

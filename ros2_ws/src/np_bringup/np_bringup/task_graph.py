@@ -125,7 +125,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     return [replace(node, namespace=given["namespace"], params_file=given["params_file"]) for node in nodes]
 
 
-def checked_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
+def check_and_build_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     """As `task_graph`, after the files that its nodes load have been checked: a launch with a wrong one starts no node.
 
     Raises ValueError, OSError or WeightsError.

@@ -239,16 +239,16 @@ def load(path: str | Path) -> Calibration:
         raise CalibrationError(f"calibration {path}: {error}") from error
 
 
-def calibrated_camera(path: str) -> Camera:
+def load_calibrated_camera(path: str) -> Camera:
     """The camera to project with, for a parameter `calibration`: that of the file, or CAMERA for "".
 
     Raises CalibrationError.
     """
-    return calibrated_view(path)[0]
+    return load_calibrated_view(path)[0]
 
 
-def calibrated_view(path: str) -> tuple[Camera, np.ndarray | None]:
-    """`calibrated_camera`, and the covariance (6, 6) of its pose, m and rad in base axes; None for "".
+def load_calibrated_view(path: str) -> tuple[Camera, np.ndarray | None]:
+    """`load_calibrated_camera`, and the covariance (6, 6) of its pose, m and rad in base axes; None for "".
 
     Raises CalibrationError.
     """

@@ -210,7 +210,7 @@ def image_array(message) -> np.ndarray:
     return pixels
 
 
-def compressed_image_array(message) -> np.ndarray:
+def decode_compressed_image(message) -> np.ndarray:
     """Pixels (height, width, 3) uint8 RGB of a CompressedImage: JPEG or PNG of 8 bits, as image_transport and cv_bridge write them."""
     if not _COMPRESSED.fullmatch(message.format):
         raise BadMessage(

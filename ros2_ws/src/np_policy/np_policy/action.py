@@ -65,7 +65,7 @@ def decode(action, position, rotation, limits: ResidualLimits, damping_floor: fl
     return Target(position + action[..., :3] * limits.position, turn @ rotation, stiffness, ratio)
 
 
-def normalised_stiffness(stiffness):
+def normalise_stiffness(stiffness):
     """Stiffness (..., 7) Nm/rad as a share (..., 7) of its range, 0 to 1: what the gain penalty counts."""
     low, high = STIFFNESS_MIN, STIFFNESS_MAX
     xp = namespace(stiffness)

@@ -62,6 +62,6 @@ def student_observation(keypoints, goal_keypoints):
     return xp.concatenate([pixels, (goal - pixels) * GOAL_GAIN], axis=-1)
 
 
-def normalised_keypoints(points, camera: Camera = CAMERA):
+def normalise_keypoints(points, camera: Camera = CAMERA):
     """Normalised image coordinates (..., 8, 2) of corners (..., 8, 3) m in the base frame."""
     return camera.normalise(camera.project(points)[0])

@@ -10,7 +10,7 @@ from pathlib import Path
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import zstd
 
-from np_description.message_arrays import compressed_image_array
+from np_description.message_arrays import decode_compressed_image
 from np_record.cdr import TYPESTORE, deserialize, serialize, to_little_endian
 from np_record.topics import BY_NAME, Topic
 
@@ -108,7 +108,7 @@ def _name(connection) -> str:
 def _decompress(data: bytes) -> bytes:
     """A serialized Image of a serialized CompressedImage. Raises BadMessage."""
     message = deserialize(data, _COMPRESSED)
-    pixels = compressed_image_array(message)
+    pixels = decode_compressed_image(message)
     height, width = pixels.shape[:2]
     image = TYPESTORE.types[_IMAGE](message.header, height, width, "rgb8", 0, 3 * width, pixels.ravel())
     return serialize(image)

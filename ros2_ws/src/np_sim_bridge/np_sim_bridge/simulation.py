@@ -20,7 +20,7 @@ from np_description.domains import Pose, Task, sample_task
 from np_description.engine import MakeEngine
 from np_description.force_reflex import DEFAULT_MODE
 from np_description.mujoco_engine import MujocoEngine
-from np_description.objects.scenarios import fixed_task
+from np_description.objects.scenarios import make_fixed_task
 from np_description.panda import FINGER_MAX, FINGER_SPEED
 from np_sim_bridge.schedule import PERIOD, SECOND
 
@@ -101,7 +101,7 @@ class Simulation:
             raise ValueError(f"reset: time never runs backwards; it is {self.stamp} ns, got {stamp} ns")
         rng = np.random.default_rng([self._seed, episode])
         if self._scenario:
-            start, goal = fixed_task(self.domain, self._scenario, rng)
+            start, goal = make_fixed_task(self.domain, self._scenario, rng)
         else:
             start, goal = sample_task(self.domain, rng)
         self.engine.reset(self._change.pose(start))
@@ -135,7 +135,7 @@ class Simulation:
     @property
     def held_back(self) -> tuple[str, ...]:
         """The parameters of the patch that are below the physical minimum, a line for each."""
-        return tuple(self._patch.clipped_parameters())
+        return tuple(self._patch.list_clipped_parameters())
 
     @property
     def ignored_effects(self) -> tuple[str, ...]:

@@ -11,7 +11,11 @@ from np_description.camera import CAMERA, Camera
 from np_description.panda import NOMINAL, PandaModel
 from sim2real.effects.patch import Patch
 from sim2real.effects.sentences import ValueWithInterval
-from sim2real.task.object_motion.prediction import prediction_errors, removed_share, typical_removed_share
+from sim2real.task.object_motion.prediction import (
+    estimate_removed_share,
+    estimate_typical_removed_share,
+    prediction_errors,
+)
 from sim2real.task.suite.recording import TaskRecording
 
 
@@ -55,6 +59,6 @@ def _removed_if_worse(without: np.ndarray, after: np.ndarray) -> ValueWithInterv
     """The share of the error of windows (n,) px that is gone after, where that is surely less than none, in 95 % of draws of them: of their sum; or of
     what is left of one, on geometric average, where the sum is no better. A few windows in which a tip slips or holds by chance are most of a
     sum, and hide that nearly all others are worse; what is better in sum stays, for one tap that comes right is worth many drags."""
-    removed = removed_share(without, after)
-    is_worse = removed.high < 0 or (removed.value < 0 and typical_removed_share(without, after).high < 0)
+    removed = estimate_removed_share(without, after)
+    is_worse = removed.high < 0 or (removed.value < 0 and estimate_typical_removed_share(without, after).high < 0)
     return removed if is_worse else None

@@ -79,21 +79,21 @@ def predict_motion(
             rest = off(Patch(tuple(e for e in patch.effects if e is not one)))
             both = known & np.isfinite(rest)
             without[one.effect] = float((rest - after)[both].sum() / before[both].sum())
-    removed = removed_share(before[known], after[known])
+    removed = estimate_removed_share(before[known], after[known])
     alone = {e.effect: removed.value for e in patch.effects}
     return MotionPrediction(
         float(before[known].mean()), float(after[known].mean()), int(known.sum()), removed, without or alone, held_out
     )
 
 
-def removed_share(before: np.ndarray, after: np.ndarray) -> ValueWithInterval:
+def estimate_removed_share(before: np.ndarray, after: np.ndarray) -> ValueWithInterval:
     """Share of errors (n,) that is gone after, with its 95 % interval by the bootstrap over windows."""
     draws = _draw(len(before))
     return _share_with_interval(after.sum() / before.sum(), after[draws].sum(axis=1) / before[draws].sum(axis=1))
 
 
-def typical_removed_share(before: np.ndarray, after: np.ndarray) -> ValueWithInterval:
-    """As `removed_share`, of the geometric mean of what is left of each window's error (n,): in it a window counts as much as any other, where a sum is
+def estimate_typical_removed_share(before: np.ndarray, after: np.ndarray) -> ValueWithInterval:
+    """As `estimate_removed_share`, of the geometric mean of what is left of each window's error (n,): in it a window counts as much as any other, where a sum is
     what a few of them say in which a tip hops."""
     left = np.log(after / before)
     return _share_with_interval(np.exp(left.mean()), np.exp(left[_draw(len(left))].mean(axis=1)))

@@ -13,7 +13,7 @@ STEP = 0.1
 _EDGES = [(a, b) for a in range(8) for b in range(a) if np.abs(CORNERS[a] - CORNERS[b]).sum() == 2]
 
 
-def expected_outlines(domain: Task, camera: Camera = CAMERA) -> np.ndarray:
+def find_expected_outlines(domain: Task, camera: Camera = CAMERA) -> np.ndarray:
     """Ends (n, 2, 2) px of straight lines: every 0.1 m across the domain's workspace on the table, and edges of its fixed boxes."""
     x, y = (
         np.arange(np.ceil(a / STEP - 1e-9), b / STEP + 1e-9) * STEP for a, b in (domain.workspace_x, domain.workspace_y)

@@ -7,7 +7,7 @@ import numpy as np
 
 from np_description.camera import CAMERA
 from np_description.domains import Pose, Task
-from np_description.drawing.expected_view import expected_outlines
+from np_description.drawing.expected_view import find_expected_outlines
 from np_description.drawing.meshes import CANVAS, load_visual_model
 from np_description.drawing.robot import WORLD, robot_bodies, visual_shapes
 from np_description.panda import BASE_FRAME, STATE_NAMES
@@ -51,7 +51,7 @@ class SceneData:
         ]
         goal = {"body": self.bodies.index(GOAL), "kind": "box", "size": list(self.domain.half_size)}
         drawn.append({**goal, "pose": [0, 0, 0, 1, 0, 0, 0], "rgba": [0.2, 0.8, 0.3, 0.25]})
-        view = {"size": [CAMERA.width, CAMERA.height], "lines": expected_outlines(self.domain).round(1).tolist()}
+        view = {"size": [CAMERA.width, CAMERA.height], "lines": find_expected_outlines(self.domain).round(1).tolist()}
         return {
             "domain": self.domain.name,
             "base_frame": BASE_FRAME,

@@ -69,7 +69,7 @@ SCENARIOS = {
 COUNT = 3
 
 
-def fixed_task(domain: Task, number: int, rng: np.random.Generator | None = None) -> tuple[Pose, Pose]:
+def make_fixed_task(domain: Task, number: int, rng: np.random.Generator | None = None) -> tuple[Pose, Pose]:
     """Start and goal of scenario 1, 2 or 3; rng: of the scatter, None for none. Raises ValueError for another number."""
     if not 1 <= number <= COUNT:
         raise ValueError(f"scenario: expected 1 to {COUNT}, got {number}")

@@ -13,7 +13,7 @@ from sim2real.excitation.suite import FURTHER, NAMES, make_suite
 from sim2real.thresholds import THRESHOLDS
 
 from np_common.cli import INTERRUPTED, Parser, Progress, interrupt_on_sigterm, new_folder
-from np_description.calibration import CalibrationError, calibrated_camera
+from np_description.calibration import CalibrationError, load_calibrated_camera
 from np_description.objects.choice import domain_with, embed_object_text
 from np_description.weights.provenance import origin
 from np_ros.processes.graph import NodeSpec
@@ -75,7 +75,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         else:
             check_families(options.only)
             domain_with(options.domain, options.object)
-            calibrated_camera(options.calibration)
+            load_calibrated_camera(options.calibration)
     except (ValueError, CalibrationError) as error:
         parser.error(str(error))
     if options.effects and options.backend != "sim":
@@ -181,7 +181,7 @@ def excite(options: argparse.Namespace) -> dict:
             exciter.wait_until_ready({node.name for node in nodes}, limit, _say)
             if is_task:
                 domain = domain_with(options.domain, options.object)
-                segments = exciter.run_task(domain, options.only, calibrated_camera(options.calibration))
+                segments = exciter.run_task(domain, options.only, load_calibrated_camera(options.calibration))
             else:
                 segments = exciter.run(options.only)
                 bar.show(round(motion), "done")

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from np_bringup.backends import SIMULATED
-from np_bringup.task_graph import checked_graph
+from np_bringup.task_graph import check_and_build_graph
 from np_description.objects.choice import read_domain
 from np_evaluation.nodes.episode_runner_node import EpisodeRunner
 from np_ros.processes.supervisor import Supervisor
@@ -19,7 +19,7 @@ def running_graph(arguments: Mapping[str, str], logs: Path, **callbacks) -> Iter
 
     callbacks as for Conductor. Raises what Supervisor.start and Conductor.wait_until_ready raise.
     """
-    specs = checked_graph(arguments)
+    specs = check_and_build_graph(arguments)
     domain = read_domain(arguments)
     lockstep = arguments.get("mode", "lockstep") == "lockstep"
     with Supervisor(logs) as supervisor:

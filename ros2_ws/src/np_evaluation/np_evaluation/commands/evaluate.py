@@ -145,7 +145,7 @@ def warnings_of(options: argparse.Namespace) -> list[str]:
     from np_policy.contract import check_weights
 
     domain = domain_with(options.domain, options.object)
-    effects = [] if options.effects == "none" else load_patch(options.effects).clipped_parameters()
+    effects = [] if options.effects == "none" else load_patch(options.effects).list_clipped_parameters()
     return [*check_weights(domain, options.weights), *size_warnings(domain, options.weights), *effects]
 
 

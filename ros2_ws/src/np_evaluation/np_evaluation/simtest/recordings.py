@@ -11,7 +11,7 @@ from np_evaluation.simtest.endpoints import Publisher
 from np_evaluation.simtest.network import Network
 from np_evaluation.simtest.node import SimulatedNode
 from np_evaluation.simtest.process import Process, node_class
-from np_evaluation.simtest.scheduler import SECOND, Disk, Locks, Scheduler, simulated_host
+from np_evaluation.simtest.scheduler import SECOND, Disk, Locks, Scheduler, simulate_host
 from np_record.bag import BagError, Message, Recording
 from np_record.cdr import header_stamp, padding_filter
 from np_record.nodes.recorder_node import find_message_class
@@ -132,7 +132,7 @@ def replay(bag: str, parameters: Mapping[str, Mapping]) -> str:
 
 def _replay(script: ReplayScript, scheduler: Scheduler, parameters: Mapping[str, Mapping]) -> str:
     classes = {spec.name: node_class(spec) for spec in script.specs}
-    with simulated_host(scheduler, Locks(), Disk()):
+    with simulate_host(scheduler, Locks(), Disk()):
         wires = Network(scheduler)
         processes: dict[str, Process] = {}
         for spec in script.specs:

@@ -12,7 +12,7 @@ from np_evaluation.simtest.graph import PARAMETERS, SimulatedGraph
 from np_evaluation.simtest.injection import Injection
 from np_evaluation.simtest.plan import Plan, Report
 from np_evaluation.simtest.recordings import BENIGN, SentMessages, read_cut_off, replay
-from np_evaluation.simtest.scheduler import SECOND, simulated_host
+from np_evaluation.simtest.scheduler import SECOND, simulate_host
 
 SETTLED = 25.0  # s after the last fault within which an episode must have run to its end: more than the lease of a killed process
 PATIENCE = 60.0  # s of an episode
@@ -34,7 +34,7 @@ class Run(SimulatedGraph):
     def play(self) -> Report:
         """Run it to its end."""
         began, simulated = time.process_time(), 0.0
-        with simulated_host(self.scheduler, self.locks, self.disk):
+        with simulate_host(self.scheduler, self.locks, self.disk):
             self._listen()
             late = {fault.target for fault in self.plan.faults if fault.kind == "late_start"}
             for spec in self.specs():

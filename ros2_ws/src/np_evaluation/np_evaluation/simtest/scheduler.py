@@ -163,7 +163,7 @@ class _TurnQueue:
 
 
 @contextmanager
-def simulated_host(scheduler: Scheduler, locks: Locks, disk: Disk) -> Iterator[None]:
+def simulate_host(scheduler: Scheduler, locks: Locks, disk: Disk) -> Iterator[None]:
     """Inside, the project's modules have the simulated clock, locks and disk in place of the machine's.
 
     A module is given what it imported by name; what every process of its own would do to the collector of memory is left out.

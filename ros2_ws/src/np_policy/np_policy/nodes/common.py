@@ -12,7 +12,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header
 
-from np_description.calibration import calibrated_view
+from np_description.calibration import load_calibrated_view
 from np_description.camera import Camera
 from np_description.domains import Task
 from np_description.message_arrays import (
@@ -67,7 +67,7 @@ def declare_settings(node: Node) -> PolicySettings:
     calibration = parameter(
         node, "calibration", "", "File written by `calibrate`: where the camera is; empty: as trained."
     )
-    return PolicySettings(domain, mode == "lockstep", NANOSECONDS // rate, score, *calibrated_view(calibration))
+    return PolicySettings(domain, mode == "lockstep", NANOSECONDS // rate, score, *load_calibrated_view(calibration))
 
 
 def declare_weights(node: Node) -> str:

@@ -49,7 +49,7 @@ class NodeDied(RuntimeError):
         return f"node {name} ended with {how}; its last lines:{tail}"
 
 
-def installed_command(package: str, executable: str) -> list[str]:
+def find_installed_command(package: str, executable: str) -> list[str]:
     """The command of an installed executable, or of a module of the package. Raises LookupError with the folders searched."""
     if executable.startswith(f"{package}."):
         return [sys.executable, "-m", executable]
@@ -98,7 +98,7 @@ class Supervisor:
         log_directory: str | Path,
         *,
         domain_id: int | None = None,
-        locate: Callable[[str, str], list[str]] = installed_command,
+        locate: Callable[[str, str], list[str]] = find_installed_command,
     ):
         ros_domain_id()  # a bad one is told, though a graph in a domain of its own does without it
         self.log_directory = Path(log_directory)

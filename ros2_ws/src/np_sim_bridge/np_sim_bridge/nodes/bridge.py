@@ -23,7 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from np_control.controller import ControllerConfig
 from np_control.safety import Refusal, SafetyFilter, State
-from np_description.calibration import calibrated_camera
+from np_description.calibration import load_calibrated_camera
 from np_description.drawing.meshes import load_visual_model
 from np_description.engine import MakeEngine
 from np_description.message_arrays import BadMessage, stamp_nanoseconds
@@ -61,7 +61,7 @@ class Bridge(Node):
         self._schedule = Schedule(settings.policy_rate, settings.image_rate)
         self._barrier = LockstepBarrier(self._schedule, tick_barrier=settings.tick_barrier)
         patch = load_patch(settings.effects) if settings.effects else Patch()
-        view = CameraEffects(patch, calibrated_camera(settings.calibration), settings.seed)
+        view = CameraEffects(patch, load_calibrated_camera(settings.calibration), settings.seed)
         self._simulation = Simulation(
             settings.domain,
             scenario=settings.scenario,

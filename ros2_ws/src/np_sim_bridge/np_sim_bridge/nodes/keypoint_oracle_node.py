@@ -15,7 +15,7 @@ from sensor_msgs.msg import PointCloud2
 from sim2real.effects.camera_effects import CameraEffects
 from sim2real.effects.patch import Patch, load_patch
 
-from np_description.calibration import calibrated_camera
+from np_description.calibration import load_calibrated_camera
 from np_description.camera import CAMERA
 from np_description.domains import Pose
 from np_description.keypoints import COUNT
@@ -47,7 +47,7 @@ class KeypointOracle(Node):
         calibration = parameter(self, "calibration", "", "File written by `calibrate`; empty: the camera as trained.")
         effects = parameter(self, "effects", "", "Patch file of effects that camera and detector have.")
         patch = load_patch(effects) if effects else Patch()
-        self._view = CameraEffects(patch, calibrated_camera(calibration), self._seed)
+        self._view = CameraEffects(patch, load_calibrated_camera(calibration), self._seed)
         self._corners = OccludedKeypointBuffer(np.asarray(domain.half_size), self._view.oldest)
         self._diagnostics = Diagnostics(self)
         lockstep = mode == "lockstep"
