@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sim2real.arm_numbers import ArmNumber, estimate_arm_numbers
 from sim2real.diagnosis import Diagnosis
 from sim2real.effects.patch import Patch
 from sim2real.progress import StageCallback, ignore_stage
@@ -23,6 +24,8 @@ class Consequences:
     """The experiment that would settle the largest open question (`power.choose_next_experiment`)."""
     refit: dict | None = None
     """Parameters refitted in forward simulation (`refit.refit_in_simulation`)."""
+    arm: tuple[ArmNumber, ...] = ()
+    """Load, base and friction of the arm, named by the diagnosis or not."""
 
 
 def follow_up(diagnosis: Diagnosis, quick: bool = False, tell: StageCallback = ignore_stage) -> Consequences:
@@ -44,4 +47,5 @@ def follow_up(diagnosis: Diagnosis, quick: bool = False, tell: StageCallback = i
     patch, trial = try_patch(diagnosis)
     tell("refit in the simulator")
     rivals = question[1].models[1 : THRESHOLDS.refit.models] if question else ()
-    return Consequences(patch, trial, experiment, refit_in_simulation(diagnosis, rivals))
+    refit = refit_in_simulation(diagnosis, rivals)
+    return Consequences(patch, trial, experiment, refit, tuple(estimate_arm_numbers(diagnosis)))

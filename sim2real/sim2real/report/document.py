@@ -61,6 +61,17 @@ def make_report(
         "held_out": describe_held_out(diagnosis, done),
         "next_experiment": done.experiment,
         "forward": done.refit,
+        "arm": [
+            {
+                "quantity": one.quantity,
+                "component": one.component,
+                "nominal": one.nominal,
+                "value": one.estimate.value,
+                "ci95": [one.estimate.low, one.estimate.high],
+                "unit": one.estimate.unit,
+            }
+            for one in done.arm
+        ],
         "data": {
             "bags": [log.name for log in logs],
             "reference": [log.name for log in diagnosis.context.logs[: diagnosis.context.reference]],
