@@ -129,7 +129,11 @@ def test_the_loop_goes_on_only_where_there_is_a_patch_to_use():
     assert suggest_next_steps(diagnosis("no_gap"), folder) == []
     assert suggest_next_steps(diagnosis("identified", (PAYLOAD,), reference=1), folder) == []
     commands = [command for _, command in suggest_next_steps(diagnosis("identified", (PAYLOAD,)), folder)]
-    assert "--patch runs/report/patch.yaml" in commands[1] and len(commands) == 7
+    assert "--patch runs/report/patch.yaml" in commands[1] and len(commands) == 8
+    judged, released = (
+        next(i for i, c in enumerate(commands) if f"np_training.{name} " in c) for name in ("evaluate", "release")
+    )
+    assert judged + 1 == released and commands[judged].endswith("--out runs/patched/evaluation.jsonl")
     partly = [command for _, command in suggest_next_steps(diagnosis("partly_explained", (PAYLOAD,), (1,)), folder)]
     assert partly == commands
     unexplained = [command for _, command in suggest_next_steps(diagnosis("unexplained", (), (1,)), folder)]

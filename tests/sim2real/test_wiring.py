@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from arm_generator import Truth, at, record
 from sim2real.arm.model import panda
+from sim2real.arm.rigid_body import inverse_dynamics
 from sim2real.cli import diagnose as command
 from sim2real.wiring.check import find_wiring_fault
 from sim2real.wiring.clocks import find_clock_fault
@@ -31,8 +32,21 @@ def log():
     return record(Truth(payload=0.8, viscous=at(2, 2.0), coulomb_positive=at(4, 0.8)), duration=16.0)
 
 
+WRIST = np.array([1, 1, 1, 1, 1, 0, 1])
+
+
 def commanded(log, **changes):
     return replace(log, commands=replace(log.commands, **changes))
+
+
+def weight(log):
+    return inverse_dynamics(ARM, log.position)
+
+
+def wrapped(position, joint):
+    """Positions (n, 7) of which a joint's are counted down by a turn where they are above their middle."""
+    above = (position > np.median(position, axis=0)) & (np.arange(7) == joint)
+    return position - 2 * np.pi * above
 
 
 FAULTS = {
@@ -45,6 +59,21 @@ FAULTS = {
     "gains": (
         lambda log: commanded(log, stiffness=4 * log.commands.stiffness, damping=2 * log.commands.damping),
         ("gains", ()),
+    ),
+    "no velocity": (lambda log: replace(log, velocity=0 * log.velocity), ("constant", tuple(range(7)))),
+    "no effort of a joint": (lambda log: replace(log, torque=log.torque * WRIST), ("constant", (5,))),
+    "wrapped position": (lambda log: replace(log, position=wrapped(log.position, 4)), ("jump", (4,))),
+    "effort with the weight": (lambda log: replace(log, torque=log.torque + weight(log)), ("gravity", ())),
+    "torque without the weight": (lambda log: replace(log, commands=None, with_gravity=True), ("gravity", ())),
+    "torque with the weight": (
+        lambda log: replace(log, torque=log.torque + weight(log), commands=None, with_gravity=True),
+        None,
+    ),
+    "currents": (
+        lambda log: replace(
+            log, torque=(log.torque + weight(log)) / 9, commands=None, with_gravity=True, is_current=True
+        ),
+        None,
     ),
     "late velocity": (lambda log: replace(log, velocity=np.roll(log.velocity, 1, axis=0)), ("delay", ())),
 }

@@ -95,13 +95,13 @@ def _load_all(paths: Sequence[Path], arm: Arm) -> list[Log]:
 
 
 def _apply_constants(options: argparse.Namespace, logs: list[Log]) -> list[Log]:
-    """Logs of motor currents as torques, where the options give the constants. Raises ValueError."""
+    """Logs marked as motor currents where the options say so, as torques where they give the constants. Raises ValueError."""
+    from sim2real.recordings.motor_current import apply_torque_constants, mark_as_current
+
     if not options.torque_per_ampere:
-        return logs
+        return [mark_as_current(log) for log in logs] if options.effort == "current" else logs
     if options.effort not in (None, "current"):
         raise ValueError(f"--torque-per-ampere: expected efforts that are currents, got --effort {options.effort}")
-    from sim2real.recordings.motor_current import apply_torque_constants
-
     return [apply_torque_constants(log, options.torque_per_ampere) for log in logs]
 
 

@@ -14,7 +14,7 @@ def suggest_next_steps(diagnosis: Diagnosis, folder: Path) -> list[tuple[str, st
     """(what it is for, command), in order; none where there is nothing to do, or no simulator of this arm. folder: of the report."""
     if diagnosis.verdict == "no_gap" or diagnosis.context.reference or diagnosis.context.arm.joints != NOMINAL.joints:
         return []
-    patch = folder / "patch.yaml"
+    patch, student = folder / "patch.yaml", "--student runs/patched/pre_contact_student_wall.safetensors"
     verify = [
         ("Record motions that the diagnosis has not seen", f"{RECORD} --only sweep_2 sweep_4 --out runs/fresh"),
         (
@@ -36,8 +36,9 @@ def suggest_next_steps(diagnosis: Diagnosis, folder: Path) -> list[tuple[str, st
             "python -m np_training.distill --checkpoint runs/patched/checkpoint.pt --out runs/patched --minutes 1",
         ),
         (
-            "Release",
-            "python -m np_training.release runs/patched --student runs/patched/pre_contact_student_wall.safetensors",
+            "Judge, which a release needs",
+            f"python -m np_training.evaluate --checkpoint runs/patched/checkpoint.pt {student} --out runs/patched/evaluation.jsonl",
         ),
+        ("Release", f"python -m np_training.release runs/patched {student}"),
         ("See whether the task has come back", f"make evaluate DOMAIN=wall EFFECTS={patch} ARGS=--fresh"),
     ]

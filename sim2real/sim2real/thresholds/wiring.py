@@ -9,6 +9,10 @@ from dataclasses import dataclass
 class Wiring:
     """Contradictions between signals of joints."""
 
+    moved: float = 0.05
+    """rad between the ends of a joint's motion from which on its velocity and its effort must change."""
+    wrap: float = 0.5
+    """rad by which a step between two rows may be off a whole turn that wraps, and that the speed may make of it."""
     speed_floor: float = 0.01
     """rad/s; slower motion says nothing of a velocity."""
     torque_floor: float = 0.004

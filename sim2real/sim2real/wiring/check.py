@@ -26,6 +26,7 @@ from sim2real.wiring.joint_faults import find_joint_fault
 from sim2real.wiring.joint_relations import JointRelations
 from sim2real.wiring.joint_signals import joint_signals
 from sim2real.wiring.picture import find_image_fault, find_keypoint_fault
+from sim2real.wiring.reported_signals import find_signal_fault
 from sim2real.wiring.target_poses import find_target_pose_fault
 
 CLOCKED = ("joint_states", "effort_command", "camera/image_raw", "keypoints", "target_pose")
@@ -99,8 +100,9 @@ def check_wiring(path: str | Path, arm: Arm, log: Log | None = None) -> WiringFa
 
 def find_wiring_fault(log: Log, arm: Arm) -> WiringFault | None:
     """Of joints alone."""
-    fault = find_delay_fault(log, arm)  # exact, where another sample is right
-    return fault or find_joint_fault(joint_signals(log), JointRelations(arm, log.with_gravity), arm.joints)
+    fault = find_signal_fault(log, arm.joints) or find_delay_fault(log, arm)  # exact, where another sample is right
+    relations = JointRelations(arm, log.with_gravity)
+    return fault or find_joint_fault(joint_signals(log), relations, arm.joints, log.is_current)
 
 
 def find_stream_fault(recording: WiringRecording, log: Log) -> WiringFault | None:

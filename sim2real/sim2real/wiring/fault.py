@@ -10,7 +10,7 @@ class WiringFault:
     """A convention that the recording breaks, and what to change."""
 
     kind: str
-    """swap, sign, degrees, gains, delay, quaternion, frame, action_scale, colours, image, corners or clock."""
+    """constant, jump, gravity, swap, sign, degrees, gains, delay, quaternion, frame, action_scale, colours, image, corners or clock."""
     stream: str
     """Topic, and the part of its messages, that breaks it."""
     sentence: str

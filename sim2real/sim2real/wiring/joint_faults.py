@@ -1,4 +1,4 @@
-"""Which convention of the joints' signals is wrong: exchanged joints, signs, degrees, gains.
+"""Which convention of the joints' signals is wrong: exchanged joints, signs, degrees, gains, weight in the effort.
 
 Every candidate is undone and its relations are compared with those of the recording as it is: a right one makes them all hold.
 """
@@ -50,7 +50,7 @@ class WrongConvention:
     """A wrong convention."""
 
     kind: str
-    """swap, sign, degrees or gains."""
+    """swap, sign, degrees, gains or gravity."""
     stream: str
     """Of STREAMS, or target_gains."""
     joints: tuple[int, ...]
@@ -80,15 +80,28 @@ def candidates(joints: int) -> Iterator[WrongConvention]:
         yield WrongConvention("gains", "target_gains", every, lambda s, f=factor: s.scale_gains(1 / f), factor)
 
 
-def find_joint_fault(signals: JointSignals, relations: JointRelations, names: Sequence[str]) -> WiringFault | None:
-    """The convention whose correction makes the relations of all joints hold best, where it does so clearly. names: of the joints.
+def find_joint_fault(
+    signals: JointSignals, relations: JointRelations, names: Sequence[str], is_current: bool = False
+) -> WiringFault | None:
+    """The convention whose correction makes the relations of all joints hold best, where it does so clearly. names: of the joints;
+    is_current: efforts are motor currents.
 
     What a hand that touches something does to the effort is no convention: `dynamics` counts alone only where it then holds.
     """
     before = relations.contradictions(signals)
     total = sum(before.values())
     found, best = None, WIRING.gain
-    for one in candidates(len(names)):
+    weight = relations.weight(signals.position)
+    other_weight = WrongConvention(
+        "gravity",
+        "effort",
+        tuple(range(len(names))),
+        lambda s: s.change(
+            ("effort",), lambda effort: effort - weight if relations.without_gravity else effort + weight
+        ),
+    )
+    # A current is no torque, from which a weight could be taken.
+    for one in (*candidates(len(names)), *([] if is_current else [other_weight])):
         if one.stream != "everything" and total[list(one.joints)].sum() < WIRING.gain:
             continue  # nothing that it could mend
         if signals.command is None and set(STREAMS.get(one.stream, COMMANDED)) <= set(COMMANDED):
@@ -99,10 +112,10 @@ def find_joint_fault(signals: JointSignals, relations: JointRelations, names: Se
         is_known = gain - by_dynamics > WIRING.gain or after["dynamics"].mean() < WIRING.free_motion
         if gain > best and is_known:
             found, best = one, gain
-    return None if found is None else _describe(found, names)
+    return None if found is None else _describe(found, names, relations.without_gravity)
 
 
-def _describe(one: WrongConvention, names: Sequence[str]) -> WiringFault:
+def _describe(one: WrongConvention, names: Sequence[str], without_gravity: bool) -> WiringFault:
     joints = tuple(names[j] for j in one.joints)
     topic, part = TOPICS[one.stream]
     stream = f"{part} of {topic}" if part else topic
@@ -114,6 +127,13 @@ def _describe(one: WrongConvention, names: Sequence[str]) -> WiringFault:
         mend = f"Negate column {one.joints[0] + 1} of the {stream}"
     elif one.kind == "degrees":
         text, mend, joints = f"The {stream} is in degrees", f"Multiply the {stream} by pi / 180", ()
+    elif one.kind == "gravity":
+        has, change = ("contains", "Subtract it") if without_gravity else ("lacks", "Add it")
+        text, mend, joints = (
+            f"The {stream} {has} the torque that holds the arm's weight",
+            f"{change} at each position",
+            (),
+        )
     else:
         text = f"The recorded stiffness is {one.factor:.3g} times what the controller uses"
         mend, joints = f"Divide stiffness in target_gains by {one.factor:.3g}, or give it to the controller", ()

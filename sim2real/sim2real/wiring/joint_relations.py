@@ -32,6 +32,7 @@ class JointRelations:
 
     def __init__(self, arm: Arm, with_gravity: bool):
         """with_gravity: whether the effort includes what holds the arm."""
+        self.without_gravity = not with_gravity
         self._arm, self._gravity = arm, None if with_gravity else np.zeros(3)
         self._floor = WIRING.torque_floor * arm.torque_limit
         last = np.arange(len(arm)) == len(arm) - 1
@@ -56,6 +57,10 @@ class JointRelations:
             law = once(feedback_torque, s.position, s.velocity, s.target, s.target_velocity, s.stiffness, s.damping)
             found["law"] = once(_difference, law, once(np.subtract, s.command, fed), self._floor)
         return found
+
+    def weight(self, position: np.ndarray) -> np.ndarray:
+        """Torque (n, k) Nm that holds the arm's weight at positions (n, k) rad."""
+        return inverse_dynamics(self._arm, position)
 
     def _once(self, function, *arrays: np.ndarray) -> np.ndarray:
         key = (function.__name__, *map(id, arrays))
