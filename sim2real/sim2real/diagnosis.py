@@ -60,13 +60,15 @@ class Diagnosis:
     """All models that were scored."""
     chosen: ScoredModel
     """The model that predicts held-out blocks best."""
+    quick: bool = False
+    """Whether single effects alone competed."""
 
     @property
     def sentence(self) -> str:
         """The result in one to three sentences."""
         joints = [self.context.arm.joints[j] for j in self.unexplained]
         left = {joint: self._left(j) for joint, j in zip(joints, self.unexplained)}
-        return sentence(self.verdict, self.findings, left, self.gap, bool(self.context.reference))
+        return sentence(self.verdict, self.findings, left, self.gap, bool(self.context.reference), self.quick)
 
     def _left(self, joint: int) -> float:
         """RMS Nm that the model leaves at a joint, on held-out motion where there is any."""
@@ -150,6 +152,7 @@ def explain_gap(
         design,
         search,
         chosen,
+        quick,
     )
 
 

@@ -49,3 +49,11 @@ def test_the_quick_look_finds_what_is_plain(log):
     assert (found.effect.id, found.component) == ("coulomb_friction", "panda_joint4")
     level = found.parameters["level"]
     assert level.low < 0.4 < level.high
+
+
+def test_a_quick_look_at_two_effects_does_not_call_them_unknown():
+    """It tries one effect at a time: the joint that is left may well have a known one."""
+    two = record(Truth(coulomb_positive=at(4, 0.4), coulomb_negative=at(4, 0.4), viscous=at(2, 0.5)), duration=45.0)
+    quick = explain_gap([two], quick=True)
+    assert quick.unexplained and "known effect" not in quick.sentence
+    assert "no single effect explains: without --quick sets of effects are tried" in quick.sentence

@@ -14,18 +14,24 @@ _COUNT = {1: "it", 2: "both", 3: "all three"}
 
 
 def sentence(
-    verdict: str, findings: Sequence[Finding], left: Mapping[str, float], gap: Gap, is_change: bool = False
+    verdict: str,
+    findings: Sequence[Finding],
+    left: Mapping[str, float],
+    gap: Gap,
+    is_change: bool = False,
+    quick: bool = False,
 ) -> str:
     """What differs and by how much, which effects compete, and what is left (`left` Nm RMS) at joints that no effect explains.
 
-    is_change: whether the comparison is with earlier recordings of the arm, not with the simulator.
+    is_change: whether the comparison is with earlier recordings of the arm, not with the simulator. quick: whether sets of effects
+    were not tried.
     """
     nominal = "the arm as it was" if is_change else "the simulator"
     found = [f for f in findings if f.is_chosen]
     if verdict == "no_gap":
         text = "The arm moves as it did" if is_change else "The arm moves as the simulator does"
         return f"{text}: no difference was found that repeats."
-    parts = [_describe_unexplained(left, nominal)] if verdict == "unexplained" else []
+    parts = [_describe_unexplained(left, nominal, quick)] if verdict == "unexplained" else []
     if verdict == "partly_explained":
         parts.append(_describe_partly_explained(sum(f.is_shown_to_help for f in found), left))
     if found:
@@ -72,9 +78,11 @@ def _join(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
-def _describe_unexplained(left: Mapping[str, float], nominal: str) -> str:
+def _describe_unexplained(left: Mapping[str, float], nominal: str, quick: bool) -> str:
     names = _join([describe_component(EffectTarget.JOINT, name) for name in left])
     verb = "departs" if len(left) == 1 else "depart"
+    if quick:
+        return f"{names} {verb} from {nominal} in a way that no single effect explains: without --quick sets of effects are tried."
     return f"{names} {verb} from {nominal} in a way that no known effect explains: look at the joint before you use the patch."
 
 
