@@ -182,9 +182,28 @@ def test_the_command_writes_both_reports_and_refuses_with_status_2(tmp_path, log
         (dict(q_rad=np.zeros((9, 6))), "shape"),
         (dict(t_s=np.zeros(1000)), "increase"),
         (dict(dq_rad_s=np.full((1000, 7), np.nan)), "finite"),
+        (dict(joint_names=np.array(JOINT_NAMES[::-1])), "joint_names: expected panda_joint1, .* got panda_joint7, "),
     ],
 )
 def test_npz_files_that_lack_something_are_refused(tmp_path, change, text):
+    with pytest.raises(ContractViolation, match=text):
+        load_log(npz_file(tmp_path, change))
+
+
+def test_arrays_that_nobody_asked_for_do_not_refuse_a_file(tmp_path):
+    others = {"joint_names": np.array(JOINT_NAMES), "operator": np.array("A"), "notes": np.array([None], object)}
+    assert load_log(npz_file(tmp_path, others)).position.shape == (1000, 7)
+
+
+def test_a_file_of_another_kind_is_named_as_such(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,q1\n0,1\n")
+    with pytest.raises(ContractViolation, match="log.csv: expected a rosbag2 folder or an .npz file"):
+        load_log(path)
+
+
+def npz_file(tmp_path, change):
+    """A file of an arm at rest with these arrays added or exchanged, without those that are None."""
     columns = (
         dict(
             t_s=np.arange(1000) * 1e-3,
@@ -196,5 +215,4 @@ def test_npz_files_that_lack_something_are_refused(tmp_path, change, text):
     )
     path = tmp_path / "log.npz"
     np.savez(path, **{name: values for name, values in columns.items() if values is not None})
-    with pytest.raises(ContractViolation, match=text):
-        load_log(path)
+    return path

@@ -55,7 +55,10 @@ class HasJoints(Protocol):
 
 def load_log(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) -> Log:
     """A log of an arm's joints, or of these, from a rosbag2 folder or an .npz file (`load_npz`). Raises ContractViolation."""
-    return load_npz(path, joints) if Path(path).suffix == ".npz" else load_bag(path, joints)
+    path = Path(path)
+    if path.is_file() and path.suffix not in (".npz", ".mcap", ".db3"):
+        raise ContractViolation(f"file {path}: expected a rosbag2 folder or an .npz file with {', '.join(NPZ_KEYS)}")
+    return load_npz(path, joints) if path.suffix == ".npz" else load_bag(path, joints)
 
 
 def _names(joints: Sequence[str] | HasJoints) -> tuple[str, ...]:
@@ -194,20 +197,26 @@ def load_npz(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) 
     stamps may be a PC's and jitter. Motor current: current_A (n, k) in place of the torque, positive where it drives the joint
     forwards, and torque_per_ampere (k,) Nm/A at the joint where that is known. Targets and gains: time, dof_pos, dof_vel,
     des_dof_pos, des_dof_vel, des_dof_torque (n, k or more), kp, kd: the drive's own law kp e - kd dq is all the torque there
-    is, gravity included.
+    is, gravity included. joint_names (k,), where given, are those of the arm in its order. Other arrays are
+    passed over.
     """
-    name, joints = f"file {path}", len(_names(joints))
+    name, names = f"file {path}", _names(joints)
+    joints, known = len(names), {*NPZ_KEYS, *CURRENT_KEYS, *PD_KEYS, "torque_per_ampere"}
     try:
         with np.load(path, allow_pickle=False) as file:
-            content = {key: np.asarray(file[key], dtype=float) for key in file.files}
+            found = file.files
+            content = {key: np.asarray(file[key], dtype=float) for key in found if key in known}
+            given = tuple(map(str, np.ravel(file["joint_names"]))) if "joint_names" in found else names
     except (OSError, ValueError) as error:
         raise ContractViolation(f"{name}: expected an .npz file of numbers, got: {error}") from error
+    if given != names:
+        raise ContractViolation(f"{name}: joint_names: expected {', '.join(names)}, got {', '.join(given)}")
     is_current = "current_A" in content and "tau_J_Nm" not in content
     keys = PD_KEYS if "des_dof_torque" in content else CURRENT_KEYS if is_current else NPZ_KEYS
     missing = [key for key in keys if key not in content]
     if missing:
         raise ContractViolation(
-            f"{name}: expected {', '.join(keys)}; {', '.join(missing)} missing, found {', '.join(content) or 'nothing'}"
+            f"{name}: expected {', '.join(keys)}; {', '.join(missing)} missing, found {', '.join(found) or 'nothing'}"
         )
     time = content[next(iter(keys))]
     for key, dimensions in keys.items():

@@ -19,6 +19,7 @@ from np_record.topics import BY_NAME, RANK, TIMELINE
 SAME_CLOCK = 50_000_000
 """ns by which log times may lie off the stamps, but for a constant delay of as much, where both are of one clock."""
 
+_UNSET = 1_000_000_000  # ns; a clock that begins at zero sends its next stamp before
 _SHARE = 0.95  # of the messages must lie within SAME_CLOCK
 
 
@@ -44,7 +45,7 @@ class AcquisitionTimes:
         """Times ns of the first and the last message that has a stamp, or of all where none has."""
         names = [name for name in self._files.counts if self._files.counts[name]]
         self._look_at(names)
-        stamps = [s for name in names if self._has_stamps(name) for s in self._stamps(name).values()]
+        stamps = [self._stamped(name).header for name in names if self._has_stamps(name)]
         stamps = stamps or [s for name in names for s in self._stamps(name).values()]
         return min(int(s.min()) for s in stamps), max(int(s.max()) for s in stamps)
 
@@ -81,6 +82,15 @@ class AcquisitionTimes:
             )
         return {key: part.log - self._delay for key, part in parts.items()}
 
+    def _stamped(self, name: str) -> _Part:
+        """The messages of a topic but those whose sender leaves the stamp empty: zero, and the others a second later or more."""
+        log, header = (
+            np.concatenate(columns) for columns in zip(*((p.log, p.header) for p in self._parts[name].values()))
+        )
+        others = header[header != 0]
+        is_set = header != 0 if others.size and others.min() >= _UNSET else np.ones(len(header), bool)
+        return _Part(log[is_set], header[is_set])
+
     def _has_stamps(self, name: str) -> bool:
         """Whether any message of the topic says when it was acquired: a driver that leaves that empty says zero in all."""
         return BY_NAME[name].stamped and (
@@ -100,7 +110,8 @@ class AcquisitionTimes:
     @cached_property
     def _delays(self) -> np.ndarray:
         """ns by which the messages of the clock are logged after their stamps."""
-        return np.concatenate([part.log - part.header for part in self._parts[self._clock].values()])
+        part = self._stamped(self._clock)
+        return part.log - part.header
 
     @cached_property
     def _delay(self) -> int | None:
