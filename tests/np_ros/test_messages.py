@@ -12,8 +12,9 @@ from sensor_msgs.msg import RegionOfInterest
 from np_description import message_arrays
 from np_description.camera import CAMERA
 from np_description.message_arrays import BadMessage
-from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_ros import messages
+from np_ros.low_latency.raw import read_stamp
 
 stamps = st.integers(0, 2**31 * 10**9 - 1)
 doubles = st.floats(allow_nan=False, allow_infinity=False)
@@ -53,6 +54,30 @@ def test_a_message_filled_again_is_the_message_made_anew(contents):
     for stamp, values in contents:
         again = serialize_message(writer.fill(stamp, *values))
         assert again == serialize_message(messages.joint_state_message(stamp, JOINT_NAMES, *values))
+
+
+@given(st.lists(st.tuples(stamps, vectors(6)), min_size=1, max_size=4))
+def test_a_wrench_filled_again_is_the_wrench_made_anew(contents):
+    writer = messages.WrenchWriter(BASE_FRAME)
+    for stamp, values in contents:
+        again = serialize_message(writer.fill(stamp, values))
+        assert again == serialize_message(messages.wrench_message(stamp, BASE_FRAME, values))
+
+
+@given(stamps, st.text(max_size=9))
+def test_the_stamp_of_a_serialized_message_is_that_of_its_header(stamp, frame):
+    message = messages.joint_state_message(stamp, JOINT_NAMES, *np.ones((3, 7)))
+    message.header.frame_id = frame
+    data = serialize_message(message)
+    assert read_stamp(data) == stamp
+    assert read_stamp(data[: 16 + len(frame.encode()) + 1]) == stamp
+
+
+@pytest.mark.parametrize("length", [0, 3, 11, 15, 16])
+def test_a_header_that_is_cut_off_has_no_stamp(length):
+    data = serialize_message(messages.joint_state_message(5, JOINT_NAMES, *np.ones((3, 7))))
+    with pytest.raises(message_arrays.BadMessage, match="Header"):
+        read_stamp(data[:length])
 
 
 def joint_state(**changes):

@@ -33,13 +33,17 @@ class MujocoEngine:
     ):
         timestep = PERIOD_NS / SECOND_NS / substeps
         self.model = load_model(domain, timestep=timestep, camera=camera, panda=panda, contact=contact, change=change)
-        self.data = mujoco.MjData(self.model)
+        self.data = data = mujoco.MjData(self.model)
+        # Views of MuJoCo's own memory: to ask for one costs as much as to read it.
+        self._qpos, self._qvel, self._drive = data.qpos, data.qvel, data.qfrc_actuator
+        self._ctrl, self._applied, self._warnings = data.ctrl, data.qfrc_applied, data.warning.number
         self._substeps = substeps
         joints = [self.model.joint(name) for name in STATE_NAMES]
         self._position = np.array([joint.qposadr[0] for joint in joints])
         self._velocity = np.array([joint.dofadr[0] for joint in joints])
         self._motors = np.array([self.model.actuator(name).id for name in JOINT_NAMES])
         self._fingers = np.array([self.model.actuator(name).id for name in STATE_NAMES[len(JOINT_NAMES) :]])
+        self._arm = self._velocity[: len(JOINT_NAMES)]
         self._object = int(self.model.joint(OBJECT).qposadr[0])
         self._kinds = [kind_of(self.model.geom(geom).name) for geom in range(self.model.ngeom)]
 
@@ -51,13 +55,12 @@ class MujocoEngine:
     def place(self, position: np.ndarray, velocity: np.ndarray | float = 0.0) -> None:
         """Put the arm's joints at (7,) rad, with a velocity (7,) rad/s."""
         self.data.qpos[self._position[: len(JOINT_NAMES)]] = position
-        self.data.qvel[self._velocity[: len(JOINT_NAMES)]] = velocity
+        self.data.qvel[self._arm] = velocity
         mujoco.mj_forward(self.model, self.data)
 
     def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As in Engine."""
-        data = self.data
-        return data.qpos[self._position], data.qvel[self._velocity], data.qfrc_actuator[self._velocity]
+        return self._qpos.take(self._position), self._qvel.take(self._velocity), self._drive.take(self._velocity)
 
     def object_pose(self) -> Pose:
         """As in Engine."""
@@ -80,10 +83,10 @@ class MujocoEngine:
 
     def step(self, torque: np.ndarray, extra: np.ndarray, opening: float) -> None:
         """As in Engine; the text is MuJoCo's warning."""
-        self.data.ctrl[self._motors], self.data.ctrl[self._fingers] = torque, opening
-        self.data.qfrc_applied[self._velocity[: len(JOINT_NAMES)]] = extra
+        self._ctrl[self._motors], self._ctrl[self._fingers] = torque, opening
+        self._applied[self._arm] = extra
         mujoco.mj_step(self.model, self.data, self._substeps)
         for warning in DIVERGED:
             # MuJoCo answers these by resetting the scene to its default, which would pass for a measurement.
-            if self.data.warning[warning].number:
+            if self._warnings[warning]:
                 raise FloatingPointError(warning.name)

@@ -97,6 +97,21 @@ def wrench_message(stamp: int, frame_id: str, wrench) -> WrenchStamped:
     return WrenchStamped(header=header_message(stamp, frame_id), wrench=parts)
 
 
+class WrenchWriter:
+    """A WrenchStamped in the axes of `frame_id` over and over, as JointStateWriter."""
+
+    def __init__(self, frame_id: str):
+        self._message = wrench_message(0, frame_id, np.zeros(6))
+
+    def fill(self, stamp: int, wrench: np.ndarray) -> WrenchStamped:
+        """The message, with these contents: see `wrench_message`."""
+        message = self._message
+        message.header.stamp = stamp_message(stamp)
+        force, moment = message.wrench.force, message.wrench.torque
+        force.x, force.y, force.z, moment.x, moment.y, moment.z = check_shape(wrench, (6,), "wrench").tolist()
+        return message
+
+
 def trajectory_message(stamp: int, names: Sequence[str], times, positions, velocities) -> JointTrajectory:
     """trajectory_msgs/JointTrajectory of n points.
 

@@ -53,19 +53,20 @@ class Link:
         self.publisher, self.subscription = publisher, subscription
         self.is_reliable = _is_reliable(subscription.qos_profile)
         self.unacknowledged = 0
+        self._pair = publisher.process, subscription.process
         self._last = 0
         self._held: deque = deque(maxlen=publisher.qos_profile.depth)  # for a process that is frozen
 
     def send(self, data: bytes, info: dict, delay: int) -> None:
         """Put a message on its way."""
-        network = self.publisher.network
-        pair = self.publisher.process, self.subscription.process
+        network, scheduler = self.publisher.network, self.publisher.network.scheduler
         # What one process sends another comes in the order of its sending, but for the share that a run draws.
-        in_order = network.scheduler.rng.random() >= network.reordered
-        self._last = max(self._last, network.scheduler.now + delay, network.arrivals.get(pair, 0) if in_order else 0)
-        network.arrivals[pair] = max(self._last, network.arrivals.get(pair, 0))
+        in_order = scheduler.rng.random() >= network.reordered
+        latest = network.arrivals.get(self._pair, 0)
+        self._last = max(self._last, scheduler.now + delay, latest if in_order else 0)
+        network.arrivals[self._pair] = max(self._last, latest)
         self.unacknowledged += self.is_reliable
-        network.scheduler.at(self._last, lambda: self._arrive((data, info)))
+        scheduler.at(self._last, lambda: self._arrive((data, info)))
 
     def _arrive(self, item: tuple[bytes, dict]) -> None:
         process = self.subscription.process

@@ -45,8 +45,9 @@ class Network:
 
     def tell(self, publisher: Publisher, data: bytes) -> None:
         """Show a message to those who look."""
-        for tap in (*self.taps.get(publisher.topic_name, ()), *self.taps.get("", ())):
-            tap(publisher, data)
+        for topic in (publisher.topic_name, ""):
+            for tap in self.taps.get(topic, ()):
+                tap(publisher, data)
 
     def delay(self, topic: str, weather: Weather | None) -> int:
         """ns that the next message takes."""

@@ -42,7 +42,9 @@ class Timer:
     @property
     def due(self) -> int | None:
         """ns of the steady clock at which it runs next, None for never."""
-        return None if self._next is None else self._next - self._clock() + self._process.scheduler.now
+        if self._next is None or self._is_steady:
+            return self._next
+        return self._next - self._process.scheduler.wall_offset
 
     def call(self) -> None:
         """Run the callback; periods that were missed are left out."""

@@ -55,8 +55,9 @@ class Process:
 
     def wake(self, when: int | None = None) -> None:
         """Run what is ready at `when` ns, or now."""
-        when = max(self.scheduler.now, self._free_at, when or 0)
-        if self._wake_at is None or when < self._wake_at or self._wake_at < self.scheduler.now:
+        now = self.scheduler.now
+        when = max(now, self._free_at, when or 0)
+        if self._wake_at is None or when < self._wake_at or self._wake_at < now:
             self._wake_at = when
             self.scheduler.at(when, lambda: self._run(when))
 
@@ -137,17 +138,20 @@ class Process:
 
     def _turn(self) -> None:
         now = self.scheduler.now
-        for timer in [each for each in self.timers if each.due is not None and each.due <= now]:
+        for timer in [each for each in self.timers if (due := each.due) is not None and due <= now]:
             if timer.due is not None and timer.due <= now:
                 timer.call()
-        for subscription in [each for each in self.subscriptions if each.waiting and not each.is_polled]:
+        for subscription in self._ready():
             subscription.run()
         soon, self._soon = self._soon, []
         for action in soon:
             action()
 
+    def _ready(self) -> list[Subscription]:
+        return [each for each in self.subscriptions if each.waiting and not each.is_polled]
+
     def _sleep(self) -> None:
-        if self._soon or any(each.waiting and not each.is_polled for each in self.subscriptions):
+        if self._soon or self._ready():
             return self.wake()
         if dues := [due for timer in self.timers if (due := timer.due) is not None]:
             self.wake(min(dues))

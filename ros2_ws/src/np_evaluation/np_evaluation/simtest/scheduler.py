@@ -46,7 +46,7 @@ class Scheduler:
 
     def at(self, when: int, action: Callable[[], None]) -> None:
         """Run `action` at `when` ns, or now where that is past."""
-        heapq.heappush(self._events, (max(when, self.now), next(self._number), action))
+        heapq.heappush(self._events, (when if when > self.now else self.now, next(self._number), action))
 
     def after(self, delay: int, action: Callable[[], None]) -> None:
         """Run `action` in `delay` ns."""
@@ -54,9 +54,11 @@ class Scheduler:
 
     def run_until(self, end: int) -> None:
         """Run every event up to `end` ns. An event may call this itself: a callback that sleeps lets others run."""
-        while self._events and self._events[0][0] <= end:
-            when, _, action = heapq.heappop(self._events)
-            self.now = max(self.now, when)
+        events, take = self._events, heapq.heappop
+        while events and events[0][0] <= end:
+            when, _, action = take(events)
+            if when > self.now:
+                self.now = when
             action()
         self.now = max(self.now, end)
 

@@ -10,7 +10,6 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import JointState, PointCloud2
-from std_msgs.msg import Header
 
 from np_description.calibration import load_calibrated_view
 from np_description.camera import Camera
@@ -26,7 +25,7 @@ from np_description.panda import STATE_NAMES
 from np_policy import action
 from np_ros import qos
 from np_ros.low_latency.latest_message import LatestMessage
-from np_ros.low_latency.raw import decode_raw
+from np_ros.low_latency.raw import decode_raw, read_stamp
 from np_ros.node import Diagnostics, parameter
 from np_ros.task_domain import declare_domain
 
@@ -168,10 +167,9 @@ class StateStream:
 
     def _receive(self, raw: bytes) -> None:
         try:
-            time = decode_raw(raw, Header).stamp  # with which the message begins; what follows is left unread
+            stamp = read_stamp(raw)
         except BadMessage as error:
             return self._diagnostics.refuse(error.kind, error)
-        stamp = time.sec * NANOSECONDS + time.nanosec
         if self._settings.is_policy_tick(stamp):
             self._raw, self.stamp = raw, stamp
             if self._settings.lockstep:

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from rclpy.serialization import deserialize_message
+import struct
 
-from np_description.message_arrays import BadMessage
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Header
+
+from np_description.message_arrays import NANOSECONDS, BadMessage
+
+_HEADER = struct.Struct("<4siII")  # encapsulation, sec, nanosec, bytes of frame_id
+_PLAIN = b"\0\1\0\0"  # little-endian CDR
 
 
 def decode_raw(data: bytes, kind: type):
@@ -18,3 +24,17 @@ def decode_raw(data: bytes, kind: type):
         raise BadMessage(
             "encoding", f"{kind.__name__}: expected a serialized one, got {len(data)} bytes: {error}"
         ) from None
+
+
+def read_stamp(data: bytes) -> int:
+    """Nanoseconds of the std_msgs/Header with which a serialized message begins. Raises BadMessage (encoding).
+
+    What follows the header is left unread.
+    """
+    if len(data) > _HEADER.size:
+        encoding, seconds, rest, length = _HEADER.unpack_from(data)
+        # At a twentieth of the time of rclpy's reader, which tells at 500 Hz.
+        if encoding == _PLAIN and 0 < length <= len(data) - _HEADER.size:
+            return seconds * NANOSECONDS + rest
+    time = decode_raw(data, Header).stamp
+    return time.sec * NANOSECONDS + time.nanosec

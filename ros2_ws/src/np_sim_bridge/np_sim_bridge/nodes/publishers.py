@@ -19,12 +19,13 @@ from np_description.scene import CAMERA_NAME
 from np_ros import qos
 from np_ros.arrivals import Arrivals
 from np_ros.messages import (
+    JointStateWriter,
+    WrenchWriter,
     camera_info_message,
     image_message,
     joint_state_message,
     pose_message,
     stamp_message,
-    wrench_message,
 )
 from np_sim_bridge.schedule import SECOND
 from np_sim_bridge.simulation import Measurement
@@ -42,6 +43,7 @@ class BridgePublishers:
     def __init__(self, node: Node, camera: Camera, *, lockstep: bool, joined: Callable[[], None]):
         self._camera = camera
         self._state: list[tuple] = []  # (publisher, message) of the present state
+        self._joints, self._external, self._now = JointStateWriter(STATE_NAMES), WrenchWriter(BASE_FRAME), Clock()
         self._pictures: tuple[int, list[tuple]] = (
             -1,
             [],
@@ -74,13 +76,13 @@ class BridgePublishers:
     def state(self, measured: Measurement, wrench: np.ndarray) -> None:
         """A new state of the arm, the external wrench (6,) N, Nm on it, and its time."""
         stamp = measured.stamp
-        joints = joint_state_message(stamp, STATE_NAMES, measured.position, measured.velocity, measured.effort)
+        joints = self._joints.fill(stamp, measured.position, measured.velocity, measured.effort)
         self._joint_states.publish(joints)  # first, so that the controller thinks while the rest is sent
-        clock = Clock(clock=stamp_message(stamp))
-        self._clock.publish(clock)
-        external = wrench_message(stamp, BASE_FRAME, wrench)
+        self._now.clock = stamp_message(stamp)
+        self._clock.publish(self._now)
+        external = self._external.fill(stamp, wrench)
         self._wrench.publish(external)
-        self._state = [(self._joint_states, joints), (self._clock, clock), (self._wrench, external)]
+        self._state = [(self._joint_states, joints), (self._clock, self._now), (self._wrench, external)]
 
     def object_pose(self, stamp: int, pose: Pose) -> None:
         """Publish the true object pose in the last state."""
