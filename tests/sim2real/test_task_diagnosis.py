@@ -1,6 +1,7 @@
 """The task diagnosis: latency and offsets from simulated pushes, findings that constrain one another, the report and its page."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from sim2real.effects.sentences import ValueWithInterval
 from sim2real.recordings.signals import Log
 from sim2real.report.task_document import check_schema, document
 from sim2real.report.task_page import render
+from sim2real.report.task_sentences import module_text, sentence
 from sim2real.task import findings as made
 from sim2real.task.diagnosis import MODULES, NOT_SEEN, TaskRecordings, diagnose_task, make_patch
 from sim2real.task.hypotheses import Hypothesis, HypothesisComparison, TaskFinding
@@ -185,6 +187,39 @@ def test_a_late_image_is_patched_though_its_class_is_not_split():
     (entry,) = make_patch(whole).effects
     assert entry.effect == "camera_latency" and entry.parameters["delay"] == pytest.approx(0.03, abs=0.006)
     assert whole.verdict == "ambiguous" and "at the timing: images show the scene" in document(whole, [])["sentence"]
+
+
+def test_the_first_sentences_name_every_part_that_is_off():
+    found = diagnose_task(TaskRecordings((), (still(),), ()))
+    x = ValueWithInterval(-0.008, -0.0089, -0.007)
+    sizes = {"x": x, "y": ValueWithInterval(0.0, -0.001, 0.001), "z": x}
+    claims = {
+        "camera": TaskFinding(
+            (Hypothesis("camera_place", ("camera_extrinsics",), sizes, {"x": 0.008}),), 20.0, "meeting"
+        ),
+        "table": TaskFinding(
+            (Hypothesis("table_height", ("table_height",), {"height": x}, {"height": 0.003}),), 30.0, "touch"
+        ),
+    }
+    shares = {"table": 0.59, "camera": 0.41}
+    rows = [
+        replace(row, verdict="ambiguous", findings=(claims[row.module],), share=shares[row.module])
+        if row.module in claims
+        else row
+        for row in found.modules
+    ]
+    said = sentence(replace(found, modules=tuple(rows)))
+    assert said.startswith("Most of what is off (59 %) is at the table: ")
+    assert "41 % is at the camera: the picture shows things -8.0 mm" in said and "off the other way" in said
+
+
+def test_corners_that_scatter_more_are_said_with_their_size():
+    found = diagnose_task(TaskRecordings((), (still(),), ()))
+    share, size = ValueWithInterval(0.25, 0.22, 0.29), ValueWithInterval(0.2, 0.19, 0.22)
+    assert "of corners" not in module_text(found.module("keypoints"), found)
+    found = replace(found, noise=replace(found.noise, share=share, size=size))
+    text = module_text(found.module("keypoints"), found)
+    assert re.search(r"Scatter 0\.\d+ px .*; \d+ % .* of corners scatter more, by \d", text) and "gross" not in text
 
 
 @pytest.mark.parametrize("other, is_given", [("camera_extrinsics", True), ("keypoint_bias", False)])

@@ -18,11 +18,13 @@ SPLIT_BY = {
     "lag": CLOCK,
 }
 """By stage: the experiment that tells its hypotheses apart."""
+LEAST_SHARE = 0.05
+"""Share of what is off from which on a part of the set-up is in the first sentences."""
 OFFSET_NAMES = {"camera_place": "place", "camera_turn": "turn"}
 
 
 def sentence(diagnosis: TaskDiagnosis) -> str:
-    """The main finding: what accounts for most of what is off."""
+    """The main finding: what accounts for most of what is off, and what else is."""
     unexplained = [one for one in diagnosis.modules if one.verdict == "unexplained"]
     off = sorted((one for one in diagnosis.modules if one.share), key=lambda one: -one.share)
     parts = []
@@ -38,8 +40,12 @@ def sentence(diagnosis: TaskDiagnosis) -> str:
             if top.share > 0.5
             else "The largest part"
         )
-        largest = max(top.findings, key=lambda one: one.log_bayes_factor)
-        parts.append(f"{begin} is at the {top.module}: {finding_text(largest)}.")
+        parts.append(f"{begin} is at the {top.module}: {_largest_finding(top)}.")
+        parts += [
+            f"{100 * one.share:.0f} % is at the {one.module}: {_largest_finding(one)}."
+            for one in off[1:]
+            if one.share >= LEAST_SHARE
+        ]
     if diagnosis.arm is not None and diagnosis.arm.sentence:
         parts.append(diagnosis.arm.sentence)
     quiet = [one.module for one in diagnosis.modules if one.verdict == "no_gap"]
@@ -50,6 +56,10 @@ def sentence(diagnosis: TaskDiagnosis) -> str:
     if blind := [one.module for one in diagnosis.modules if one.verdict == NOT_SEEN]:
         parts.append(f"Not seen in this recording: {', '.join(blind)}.")
     return " ".join(parts)
+
+
+def _largest_finding(result: ModuleResult) -> str:
+    return finding_text(max(result.findings, key=lambda one: one.log_bayes_factor))
 
 
 def finding_text(finding: TaskFinding) -> str:
@@ -77,7 +87,7 @@ def _offset_text(one: Hypothesis, is_first: bool) -> str:
     if not is_first:
         return f"its {OFFSET_NAMES[one.name]}"
     off = f"the picture shows things {one.estimates['x']:mm} and {one.estimates['y']:mm} (x, y)"
-    return f"{off} from where the hand meets them: by the camera's {OFFSET_NAMES[one.name]}"
+    return f"{off} from where the hand meets them: by the camera's {OFFSET_NAMES[one.name]}, which is off the other way"
 
 
 def module_text(result: ModuleResult, diagnosis: TaskDiagnosis) -> str:
@@ -115,7 +125,10 @@ def describe_measured(module: str, diagnosis: TaskDiagnosis) -> str:
     elif module == "timing" and diagnosis.latency and diagnosis.latency.late:
         parts.append(f"images are {diagnosis.latency.late:ms late/early}")
     elif module == "keypoints" and diagnosis.noise:
-        parts.append(f"scatter {diagnosis.noise.spread:px}, gross errors {diagnosis.noise.share:%}")
+        noise = diagnosis.noise
+        parts.append(f"scatter {noise.spread:px}")
+        if noise.share.value > 0:
+            parts.append(f"{noise.share:%} of corners scatter more, by {noise.size:px}")
     elif module == "camera" and not diagnosis.module("camera").findings:
         if hand_eye and hand_eye.comparison and hand_eye.verdict != "undetermined":
             off = hand_eye.comparison.bounds
