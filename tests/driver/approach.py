@@ -56,28 +56,32 @@ class Episode:
             START_TIMEOUT,
         )
 
-    def run(self, now: Callable[[], int]) -> None:
-        """Start, and show the card until the phase `post`; now: stamp ns of what is shown. RuntimeError where
-        the episode comes to another end."""
-        probe = self._probe
-        goal = pose_message(now(), BASE_FRAME, self._goal.position, self._goal.quaternion)
-        probe.publish("goal_pose", goal, qos.LATCHED)
+    def place(self, stamp: int) -> None:
+        """Say where the card is to go; stamp: ns."""
+        self._probe.publish(
+            "goal_pose", pose_message(stamp, BASE_FRAME, self._goal.position, self._goal.quaternion), qos.LATCHED
+        )
         self.phases.clear()  # holding the arm anew says `fault` and `idle` there itself
-        answer = probe.node.create_client(Trigger, "episode/start").call_async(Trigger.Request())
+
+    def shows(self, now: Callable[[], int]) -> bool:
+        """Show the card once, as seen at `now` ns; whether the approach is over. RuntimeError where it failed."""
         corners, _ = CAMERA.project(
             box_keypoints(np.asarray(DOMAIN.half_size), self._start.position, self._start.quaternion)
         )
         seen = np.column_stack([corners, np.ones(len(corners))])
+        self._probe.publish("keypoints", keypoints_message(now(), CAMERA_NAME, seen))
+        self._probe.idle_for(SHOWN_EVERY)
+        said = [phase_state(message) for message in self.phases]
+        if ended := [state for state in said if state.phase in (FAILED, FAULT)]:
+            raise RuntimeError(f"the approach ended with {ended[0]}")
+        return any(state.phase == POST for state in said)
 
-        def is_over() -> bool:
-            probe.publish("keypoints", keypoints_message(now(), CAMERA_NAME, seen))
-            probe.idle_for(SHOWN_EVERY)
-            said = [phase_state(message) for message in self.phases]
-            if ended := [state for state in said if state.phase in (FAILED, FAULT)]:
-                raise RuntimeError(f"the approach ended with {ended[0]}")
-            return any(state.phase == POST for state in said)
-
-        self._arm.harness.wait(is_over, "the end of the approach")
+    def run(self, now: Callable[[], int]) -> None:
+        """Start, and show the card until the phase `post`; now: stamp ns of what is shown. RuntimeError where
+        the episode comes to another end."""
+        self.place(now())
+        answer = self._probe.node.create_client(Trigger, "episode/start").call_async(Trigger.Request())
+        self._arm.harness.wait(lambda: self.shows(now), "the end of the approach")
         assert answer.done() and answer.result().success, answer
 
     def result(self) -> dict[str, object]:

@@ -1,13 +1,10 @@
 """LeRobot drives and records the simulated arm through `lerobot_plugins`, in an environment of its own (docs/guide/lerobot.md)."""
 
 import json
-import os
-import subprocess
-from pathlib import Path
 
 import numpy as np
-import pytest
 from graph_tools import card_specs
+from lerobot_tools import LOADER, MARKS, RAISE, lerobot, load, record
 
 from np_common.rotations import quaternion_from_matrix
 from np_description.domains import CARD, sample_task
@@ -18,67 +15,17 @@ from np_policy.onnx.export import export
 from np_policy.policy import PostContactPolicy
 from np_ros.processes.graph import NodeSpec
 
-LOADER = os.environ.get("NP_LEROBOT_PYTHON", "")
-"""The Python of an environment that has lerobot and the plugins."""
-ALLOWED = 400  # s; importing LeRobot takes a minute on a busy machine
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(not LOADER, reason="NP_LEROBOT_PYTHON"), pytest.mark.timeout(600)]
-
-LOAD = """
-import json, sys
-from lerobot.datasets import LeRobotDataset
-found = LeRobotDataset("local/card", root=sys.argv[1], video_backend="pyav")
-frame = found[len(found) // 2]
-moved = float((found[len(found) - 1]["action"] - found[0]["action"]).abs().max())
-print(json.dumps({"frames": len(found), "shapes": {k: list(v.shape) for k, v in frame.items() if hasattr(v, "shape")}, "moved": moved}))
-"""
-RAISE = """
-import json, sys, time
-import numpy as np
-from lerobot_robot_np_franka import NpFranka, NpFrankaConfig
-from np_common.rotations import quaternion_from_matrix
-from np_control.kinematics import forward_kinematics
-
-with NpFranka(NpFrankaConfig(id="test", keypoints=False, image=False)) as robot:
-    def hand():
-        found = robot.get_observation()
-        position, rotation = forward_kinematics(np.array([found[name] for name in list(found)[:7]]))
-        return position, quaternion_from_matrix(rotation)
-    start, turn = hand()
-    values = [*(start + [0, 0, 0.03]), *turn, *[1e4] * 7, *[1.0] * 7]
-    action = dict(zip(robot.action_features, map(float, values)))
-    for _ in range(600):
-        sent = robot.send_action(action)
-        time.sleep(0.1)
-        if (rise := hand()[0][2] - start[2]) > 0.02:
-            break
-print(json.dumps({"rise": rise, "stiffness": max(v for k, v in sent.items() if "stiffness" in k)}))
-"""
-
-
-def lerobot(graph, *command):
-    """Run in LeRobot's environment and the graph's ROS domain; what it printed last."""
-    foreign = ("_ROS_WHEELS_BOOTSTRAP_COMPLETE", "LD_LIBRARY_PATH", "PYTHONPATH", "AMENT_PREFIX_PATH", "VIRTUAL_ENV")
-    environment = {key: value for key, value in os.environ.items() if key not in foreign}
-    environment |= {"ROS_DOMAIN_ID": str(graph.domain_id), "HF_HUB_OFFLINE": "1", "HF_HOME": str(graph.log_directory)}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=ALLOWED)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout.splitlines()[-1] if done.stdout else ""
+pytestmark = MARKS
 
 
 def test_lerobot_record_keeps_an_episode_that_its_own_loader_reads(graph, tmp_path):
     graph.start(card_specs(keypoints="truth"))
-    lerobot(
-        graph,
-        str(Path(LOADER).with_name("lerobot-record")),
-        *("--robot.type=np_franka", "--robot.id=test", "--robot.command=watch", "--robot.image=false"),
-        *("--teleop.type=np_episode", "--teleop.reset=sim_bridge/reset"),
-        *("--dataset.repo_id=local/card", f"--dataset.root={tmp_path / 'card'}", "--dataset.push_to_hub=false"),
-        *("--dataset.num_episodes=1", "--dataset.episode_time_s=15", "--dataset.fps=10", "--dataset.single_task=push"),
-        "--play_sounds=false",
-    )
-    found = json.loads(lerobot(graph, LOADER, "-c", LOAD, str(tmp_path / "card")))
-    assert found["frames"] > 20 and found["moved"] > 0.1
-    assert found["shapes"]["action"] == [7] and found["shapes"]["observation.state"] == [51]
+    record(graph, tmp_path / "card", 15, "--teleop.reset=sim_bridge/reset")
+    found = load(graph, tmp_path / "card")
+    action = found["action"]
+    assert found["episodes"] == 1 and found["fps"] == 10
+    assert len(action) > 20 and np.abs(action[-1] - action[0]).max() > 0.1
+    assert action.shape[1:] == (7,) and found["observation.state"].shape == (len(action), 51)
 
 
 def test_an_action_of_pose_and_gains_moves_the_hand(graph):
