@@ -48,6 +48,21 @@ def test_a_payload_that_the_model_does_not_know_is_external_and_a_rougher_joint_
     assert np.abs(ForceObserver(PERIOD).update(NOMINAL.ready, dq, dq, drives).torque).max() > 0.05
 
 
+@pytest.mark.parametrize("broken", ["q", "dq", "after", "torque"])
+def test_a_value_that_is_not_finite_stops_the_arm_and_leaves_nothing_in_the_filter(broken):
+    still = np.zeros(7)
+    values = {"q": NOMINAL.ready, "dq": still, "after": still, "torque": -jacobian(NOMINAL.ready).T @ np.full(6, 2.0)}
+    observer, watch = ForceObserver(PERIOD), ForceWatch(STOP)
+    assert watch.add(observer.update(*values.values()), dict) == ""
+    wrong = observer.update(*(values | {broken: np.full(7, np.nan)}).values())
+    assert (
+        watch.add(wrong, dict) == "reflex: force: no estimate: expected finite angles, speeds and torques of the joints"
+    )
+    after = observer.update(*values.values())
+    np.testing.assert_array_equal(after.wrench, ForceObserver(PERIOD).update(*values.values()).wrench)
+    assert watch.add(after, dict) == "" and 0 < watch.figures.force_n["max"] < 10
+
+
 def force(newtons, raw=None):
     wrench = np.array([0, 0, newtons, 0, 0, 0.0])
     peak = np.array([0, 0, raw or newtons, 0, 0, 0.0])

@@ -53,13 +53,15 @@ class ForceObserver:
     def update(self, q: np.ndarray, dq: np.ndarray, dq_after: np.ndarray, torque: np.ndarray) -> ExternalForce:
         """The estimate after a period that began at q (7,) rad, dq (7,) rad/s and ended with dq_after (7,) rad/s.
 
-        torque (7,) Nm: mean of the drives' torque in the period, without gravity.
+        torque (7,) Nm: mean of the drives' torque in the period, without gravity. Values that are not finite give no estimate
+        (its share is NaN), and the filter begins anew in the next period: it would keep them for ever.
         """
+        before = self.last if np.isfinite(self.last.share) else NO_FORCE
         model = self._dynamics.feedforward(q, dq, (dq_after - dq) / self._period) + self._friction(dq_after)
         raw_torque = external_torque(torque, model)
         raw = hand_wrench(raw_torque, self._dynamics.jacobian(q))
-        filtered = filter_step(self.last.torque, raw_torque, self._period)
-        wrench = filter_step(self.last.wrench, raw, self._period)
+        filtered = filter_step(before.torque, raw_torque, self._period)
+        wrench = filter_step(before.wrench, raw, self._period)
         self.last = ExternalForce(filtered, wrench, raw, float(threshold_share(filtered, wrench, FORCE_REFLEX)))
         return self.last
 

@@ -69,6 +69,8 @@ class ForceWatch:
             self._stops[name] += before <= scale < force.share
         if self.mode != STOP or force.share <= 1.0:
             return ""
+        if np.isnan(force.share):
+            return f"{REFLEX_CAUSE}: no estimate: expected finite angles, speeds and torques of the joints"
         return f"{REFLEX_CAUSE}: {filtered:.0f} N at the hand, {force.share:.2f} of the threshold that is nearest"
 
     @property
