@@ -33,7 +33,7 @@ $(if $(UNUSED),$(error $(UNUSED): `make $(or $(MAKECMDGOALS),help)` has no use f
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
 
-.PHONY: help setup demo test test-benchmark test-slow test-driver driver-report hardware physx meshes foxglove lerobot cluster bench soak simtest fuzz blind blind-task evaluate table3 finetune train identify docs format lock clean distclean
+.PHONY: help setup demo test test-benchmark test-slow test-driver mutants driver-report hardware physx meshes foxglove lerobot cluster bench soak simtest fuzz blind blind-task evaluate table3 finetune train identify docs format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -111,6 +111,9 @@ test-benchmark: setup ## the tests of the benchmark (benchmark/tests)
 
 test-slow: setup ## the slowest tests, which say least beyond those of `make test`
 	@$(ACTIVATE) export OMP_NUM_THREADS=1 MUJOCO_GL=disable; exec python -m pytest -n 2 --dist worksteal -m slow
+
+mutants: setup ## CASES=200 SEED JOBS: small faults in controller, safety, episode and driver; a test has to notice each, as JSON
+	@$(ACTIVATE) export OMP_NUM_THREADS=1 MUJOCO_GL=disable; exec python tools/mutants.py --cases $(CASES) --seed $(SEED) --jobs $(JOBS) $(ARGS)
 
 # What a robot's network protocol needs is installed only here: nobody else does.
 .venv/.hardware: requirements-hardware.txt .venv/.installed
