@@ -94,6 +94,11 @@ def test_the_figures_of_an_episode_are_those_of_its_touches_and_say_what_gave_th
     assert read_figures(str(watch)) == figures
     watch.reset()
     assert watch.figures == ForceWatch(OBSERVE).figures
+    assert (
+        watched(OBSERVE, [1.23456])[0].figures.raw_peak_n
+        == watched(OBSERVE, [1.23456])[0].figures.force_n["max"]
+        == 1.23
+    )
 
 
 def test_a_summary_is_of_the_episodes_largest_forces():

@@ -12,7 +12,7 @@ from np_description.force_reflex import FORCE_REFLEX
 from np_description.panda import JOINT_NAMES, NOMINAL
 from np_franka.arm import FrankaArm
 from np_franka.checklist import Checklist, RobotFacts
-from np_franka.client import MILLISECOND, ArmError, ArmReading, ConnectionLost
+from np_franka.client import MILLISECOND, ArmError, ArmReading, ConnectionLost, MotionAborted
 from np_franka.driver import Driver
 from np_franka.limits import FR3_LIMITS
 
@@ -164,3 +164,67 @@ def test_the_end_of_a_robot_that_is_gone_does_not_wait_for_it(robot):
     robot.is_gone = True
     driver.close()
     assert not driver.arm.is_connected
+
+
+def test_a_driver_counts_commands_and_lost_cycles_and_says_what_broke_last(robot):
+    driver = started(robot)
+    assert (driver.commands, driver.lost_cycles, driver.error) == (0, 0, "")
+    for n in range(3):
+        driver.offer(driver.stamp, JOINT_NAMES, NOMINAL.ready, STILL, STILL)
+        assert driver.commands == n + 1
+        cycle = driver.cycle()
+        assert cycle.stamp == driver.stamp and cycle.reading.time == robot.time
+        assert (cycle.answer, cycle.refusal, cycle.clamped) == (None, None, False)
+    assert (driver.lost_cycles, driver.times.count) == (0, 2)  # of cycles between two states
+    robot.time += 4 * MILLISECOND
+    driver.cycle()
+    assert driver.lost_cycles == 4
+    driver.stop()
+    driver.cycle()
+    driver.recover()
+    assert driver.times.count == 0  # since it recovered
+    robot.is_gone = True
+    assert driver.cycle() is None and "UDP receive: Timeout" in driver.error and driver.state is State.FAULT
+    robot.is_gone = False
+    assert driver.cycle() is None and not driver.arm.is_connected  # nobody connects unasked
+
+
+@pytest.mark.parametrize("failing, taken", [("write", True), ("start", False)])
+def test_a_robot_that_takes_no_torque_is_at_fault_and_still_read(robot, failing, taken, monkeypatch):
+    def refuse(*arguments):
+        robot.is_controlled = False
+        raise MotionAborted("reflex")
+
+    if not taken:
+        monkeypatch.setattr(robot, failing, refuse)
+    driver = started(robot)
+    assert driver.state is (State.READY if taken else State.FAULT)
+    monkeypatch.setattr(robot, failing, refuse)
+    driver.cycle()
+    assert driver.state is State.FAULT and driver.error == "reflex" and driver.filter.watchdog.cause == "reflex"
+    assert driver.arm.is_connected and not driver.arm.is_controlled
+    before = len(robot.written)
+    cycle = driver.cycle()
+    assert not cycle.applied.torque.any() and cycle.applied.state is State.FAULT and len(robot.written) == before
+    if not taken:
+        with pytest.raises(ArmError, match="reflex"):
+            driver.recover()
+        assert driver.state is State.FAULT and driver.error == "reflex"
+    monkeypatch.undo()
+    driver.recover()
+    assert driver.state is State.READY and driver.arm.is_controlled
+
+
+def test_a_robot_that_must_not_move_is_connected_at_fault_and_asked_for_as_long_as_states_settle(robot, monkeypatch):
+    times = iter(np.arange(0.0, 9.0, 0.2))
+    monkeypatch.setattr("np_franka.arm.monotonic", lambda: next(times))
+    asked = []
+    robot.facts_said = replace(robot.facts_said, mode="Guiding")
+    monkeypatch.setattr(robot, "facts", lambda: asked.append(0) or robot.facts_said)
+    driver = started(robot)
+    assert driver.state is State.FAULT and "mode is Guiding" in driver.error
+    assert len(asked) == 3  # at 0, 0.2, 0.4 s: the deadline is 0.5 s after the first question
+    assert driver.arm.is_connected and not driver.arm.is_controlled and not robot.written
+    robot.facts_said = replace(robot.facts_said, mode="Idle")
+    driver.recover()
+    assert driver.state is State.READY and len(asked) == 4

@@ -14,10 +14,11 @@ from np_description.panda import FINGER_MAX, NOMINAL
 from np_description.weights.contract import KEY
 from np_description.weights.header import with_metadata
 from np_perception.pose_estimation import project_keypoints
-from np_policy.action import RESIDUAL_LIMITS_FINAL, PolicyError
+from np_policy.action import RESIDUAL_LIMITS_FINAL, PolicyError, decode, normalised_stiffness
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.hand_pose import POSITION_CENTRE, POSITION_RANGE
 from np_policy.networks import PostContactNetwork, PreContactNetwork
+from np_policy.observation import post_contact_observation, student_observation
 from np_policy.policy import RETREAT_HEIGHT, PostContactPolicy, PreContactPolicy, student_output
 from np_policy.weights import WeightsError, save
 
@@ -164,3 +165,25 @@ def test_missing_and_foreign_weights_are_named(folder):
         PostContactPolicy(weights_file("post_contact", CARD, folder), CARD)
     with pytest.raises(WeightsError, match="expected a folder"):
         weights_file("pre_contact", CARD, folder / "nowhere")
+
+
+def test_observations_and_targets_of_many_are_those_of_each():
+    """Training asks for thousands at a time, the node for one."""
+    rng = np.random.default_rng(0)
+    shapes = [(9,), (9,), (8, 2), (8, 2), (3,), (3, 3), (20,)]
+    many = [rng.normal(size=(2, 3, *shape)) for shape in shapes]
+    one = [array[1, 2] for array in many]
+    for function, arguments in (
+        (post_contact_observation, slice(0, 7)),
+        (student_observation, slice(2, 4)),
+        (lambda *arrays: decode(arrays[2], *arrays[:2], RESIDUAL_LIMITS_FINAL).stiffness, slice(4, 7)),
+        (lambda *arrays: decode(arrays[2], *arrays[:2], RESIDUAL_LIMITS_FINAL).position, slice(4, 7)),
+        (lambda *arrays: decode(arrays[2], *arrays[:2], RESIDUAL_LIMITS_FINAL).rotation, slice(4, 7)),
+    ):
+        found = function(*many[arguments])
+        assert found.shape[:2] == (2, 3)
+        np.testing.assert_allclose(found[1, 2], function(*one[arguments]), atol=1e-12)
+    in_tensors = student_observation(*map(torch.as_tensor, many[2:4]))
+    np.testing.assert_allclose(in_tensors.numpy(), student_observation(*many[2:4]))
+    shares = normalised_stiffness(np.stack([STIFFNESS_MIN, (STIFFNESS_MIN + STIFFNESS_MAX) / 2, STIFFNESS_MAX]))
+    np.testing.assert_allclose(shares, np.repeat([[0], [0.5], [1]], 7, axis=1))
