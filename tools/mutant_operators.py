@@ -81,7 +81,7 @@ def _replacements(node: ast.AST) -> Iterator[ast.AST]:
 def _deletion(node: ast.stmt) -> ast.stmt | None:
     """What stands in the place of a statement that is left out; None where its absence would only be a name that is missing."""
     match node:
-        case ast.Return(value=ast.expr()):
+        case ast.Return(value=ast.expr()) if not (isinstance(node.value, ast.Constant) and node.value.value is None):
             return ast.Return(ast.Constant(None))
         case ast.Raise() | ast.AugAssign() | ast.Expr(value=ast.Call() | ast.Yield()):
             return ast.Pass()

@@ -1,8 +1,8 @@
 """Mutation testing of controller, safety, episode and driver: small faults are put into copies of the code, and a test has to fail.
 
 A mutant is written into a temporary copy of its package, which goes before the original on the path; the checkout is never changed.
-Tests run in a fork of a process that has imported all but the project: those that execute the changed line, up to the first that fails.
-What code outside of functions changes is tested by all tests of its module. Each test counts that runs in one process.
+Tests run in a fork of a process that has imported all but the project, up to the first that fails: those that execute the changed
+line, then all others that know its module.
 """
 
 from __future__ import annotations
@@ -103,10 +103,11 @@ class _Plugin:
         settings.load_profile("mutants")
 
     def pytest_collection_modifyitems(self, items: list) -> None:
-        if self._chosen:  # file by file, because fixtures of a module would be made anew at each return to it
-            files = list(dict.fromkeys(name.split("::")[0] for name in self._chosen))
-            items[:] = [item for item in items if _function(item) in set(self._chosen)]
-            items.sort(key=lambda item: files.index(_function(item).split("::")[0]))
+        if self._chosen:
+            order = {name: n for n, name in enumerate(self._chosen)}
+            items[:] = sorted(
+                (item for item in items if _function(item) in order), key=lambda item: order[_function(item)]
+            )
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         self._began = time.process_time()
@@ -190,21 +191,17 @@ def _measure(project: Project, tests: Sequence[Path], folder: Path) -> list[dict
 
 
 def _tests_of(mutant: Mutant, project: Project, baseline: dict) -> list[str]:
-    """Test functions that execute the mutant's lines, those of short files first; for what no function holds, all that know its module."""
+    """Test functions that execute the mutant's lines, then all others that know its module; each time those of short files first."""
     dotted = _dotted(project.root / mutant.module)
-    words = dotted, f"from {dotted.rpartition('.')[0]} import "
-    lines = range(mutant.line, mutant.last_line + 1)
-    chosen: dict[str, list[str]] = {}
     texts = {project.name(path): path.read_text() for path in project.tests}
+    lines = range(mutant.line, mutant.last_line + 1)
+    chosen: dict[tuple[bool, str], list[str]] = {}
     for name in baseline["seconds"]:
-        executed = baseline["lines"].get(name, {}).get(mutant.module, [])
-        file = name.split("::")[0]
-        if not set(lines).isdisjoint(executed) or (
-            not mutant.in_function and (executed or any(word in texts[file] for word in words))
-        ):
-            chosen.setdefault(file, []).append(name)
+        executed, file = baseline["lines"].get(name, {}).get(mutant.module, []), name.split("::")[0]
+        if executed or dotted in texts[file] or f"from {dotted.rpartition('.')[0]} import " in texts[file]:
+            chosen.setdefault((set(lines).isdisjoint(executed), file), []).append(name)
     ordered, total = [], 0.0
-    for names in sorted(chosen.values(), key=lambda names: sum(map(baseline["seconds"].get, names))):
+    for _, names in sorted(chosen.items(), key=lambda item: (item[0][0], sum(map(baseline["seconds"].get, item[1])))):
         for name in names:
             total += baseline["seconds"][name]
             if total <= LONGEST_MUTANT or not ordered:
@@ -259,7 +256,7 @@ def draw(project: Project, cases: int, seed: int) -> list[Mutant]:
 def run(
     project: Project, drawn: list[Mutant], file: Path, jobs: int = 1, patience: float = 20.0
 ) -> tuple[list[tuple[Mutant, str]], dict]:
-    """Outcome of each mutant: killed, timeout, survived, not_reached; and the tests that failed without one.
+    """Outcome of each mutant: killed, timeout, survived; and the tests that failed without one.
 
     What `file` (a JSON object a line) holds of the same code and tests is not run again.
     """
@@ -306,7 +303,7 @@ def run(
                     mutant = waiting.pop(0)
                     tests = _tests_of(mutant, project, baseline)
                     if not tests:
-                        note(mutant, "not_reached")
+                        note(mutant, "survived")
                         continue
                     folder = Path(tempfile.mkdtemp(dir=temporary))
                     limit = round(patience + 5 * sum(map(baseline["seconds"].get, tests)))
@@ -332,7 +329,7 @@ def run(
 
 def summary(results: list[tuple[Mutant, str]], reasons: dict[tuple, str]) -> dict:
     """Figures of a run: killed (timeouts too), score, by module, and who survived, each with its reason where there is one."""
-    alive = [(mutant, outcome) for mutant, outcome in results if outcome in ("survived", "not_reached")]
+    alive = [mutant for mutant, outcome in results if outcome == "survived"]
     modules: dict[str, list[int]] = {}
     for mutant, outcome in results:
         row = modules.setdefault(mutant.module, [0, 0])
@@ -349,10 +346,9 @@ def summary(results: list[tuple[Mutant, str]], reasons: dict[tuple, str]) -> dic
                 for key, value in asdict(mutant).items()
                 if key in ("module", "line", "text", "original", "mutant")
             },
-            "outcome": outcome,
             "reason": reasons.get(mutant.key, ""),
         }
-        for mutant, outcome in alive
+        for mutant in alive
     ]
     return figures
 

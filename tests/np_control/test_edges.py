@@ -26,26 +26,17 @@ def refused(reason, act, *arguments, **options):
     assert refusal.value.reason is reason
 
 
-@pytest.mark.parametrize("bound", ["position_lower", "position_upper", "velocity"])
-def test_a_state_at_a_limit_is_no_fault_and_the_next_number_is(bound):
-    limit = getattr(LIMITS, bound)
-    for joint in range(7):
-        for value, state in (
-            (limit[joint], State.READY),
-            (np.nextafter(limit[joint], 9 * np.sign(limit[joint] or 1)), State.FAULT),
-        ):
-            if bound != "velocity" and state is State.FAULT:
-                value = np.nextafter(limit[joint], -9 if bound == "position_lower" else 9)
+@pytest.mark.parametrize("joint", range(7))
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_state_at_a_limit_is_no_fault_and_the_next_number_is(joint, side):
+    position = (LIMITS.position_lower if side < 0 else LIMITS.position_upper)[joint]
+    for is_speed, limit in ((False, position), (True, side * LIMITS.velocity[joint])):
+        for value, state in ((limit, State.READY), (np.nextafter(limit, side * np.inf), State.FAULT)):
             safety, q, dq = SafetyFilter(), READY.copy(), ZERO.copy()
             safety.start(READY)
-            (dq if bound == "velocity" else q)[joint] = value
+            (dq if is_speed else q)[joint] = value
             assert safety.apply(PERIOD, q, dq).state is state
-            assert (LIMITS.joints[joint] in safety.watchdog.cause) == (state is State.FAULT)
-            if bound == "velocity":
-                safety.start(READY) if state is State.READY else None
-                assert SafetyFilter().apply(PERIOD, READY, -dq).state is (
-                    State.IDLE if state is State.READY else State.FAULT
-                )
+            assert safety.watchdog.cause.startswith(LIMITS.joints[joint] if state is State.FAULT else "started")
 
 
 def test_an_arm_at_its_rest_speed_is_not_at_rest():
@@ -218,6 +209,28 @@ def test_an_owner_is_lost_after_the_time_of_a_heartbeat(late, is_lost):
     following.heartbeat("approach")
     following.check_owner()
     following.check_open()
+
+
+def test_an_arm_that_comes_back_has_the_time_of_a_heartbeat_from_its_first_state_on():
+    controller = Controller()
+    following = RealtimeCommandInput(controller)
+    controller.observe(0, READY, ZERO)
+    following.enter("approach")
+    following.begin()
+    for stamp in (10**9, 10**9 + HEARTBEAT_NS):
+        controller.observe(stamp, READY, ZERO)
+        following.check_owner()
+    controller.observe(10**9 + HEARTBEAT_NS + 1, READY, ZERO)
+    refused(Reason.HEARTBEAT, following.check_owner)
+
+
+def test_nothing_is_answered_or_followed_before_the_first_state():
+    controller = Controller()
+    path = Trajectory(np.zeros(1), READY[None], np.zeros((1, 7)))
+    assert controller.stamp is None
+    refused(Reason.STATE, controller.answer)
+    refused(Reason.STATE, controller.follow, path)
+    refused(Reason.STATE, controller.set_target, 0, *forward_kinematics(READY), *GAINS)
 
 
 def rest(times, positions, velocities=None):

@@ -37,7 +37,7 @@ def test_a_held_arm_on_which_a_force_acts_estimates_it_after_the_filter_has_sett
     np.testing.assert_allclose(estimate.wrench, wrench, rtol=0.03, atol=0.1)
     np.testing.assert_allclose(estimate.raw, estimate.wrench, atol=1e-6)
     observer.reset()
-    assert not observer.last.wrench.any()
+    assert not observer.last.wrench.any() and observer.last.share == 0
 
 
 def test_a_payload_that_the_model_does_not_know_is_external_and_a_rougher_joint_is_not():

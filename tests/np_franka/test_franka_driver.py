@@ -166,6 +166,14 @@ def test_the_end_of_a_robot_that_is_gone_does_not_wait_for_it(robot):
     assert not driver.arm.is_connected
 
 
+def test_an_arm_that_nobody_has_connected_is_neither_connected_nor_controlled(robot):
+    arm = FrankaArm(lambda: robot, STILL, np.zeros(6))
+    assert not arm.is_connected and not arm.is_controlled
+    for act in (arm.facts, arm.start, arm.read, arm.clear_errors):
+        with pytest.raises(ArmError, match="not connected to the robot"):
+            act()
+
+
 def test_a_driver_counts_commands_and_lost_cycles_and_says_what_broke_last(robot):
     driver = started(robot)
     assert (driver.commands, driver.lost_cycles, driver.error) == (0, 0, "")
