@@ -1,11 +1,11 @@
 """The state machine of a backend: who may move the arm, what happens in silence, how to come back.
 
-                    start              command
+           start            command
     idle ----------> ready ----------> moving <------ command ------ holding
-      ^                ^                  |  3 missed periods ---------^ |
-      |                | recover          |                              | 200 ms
-      | disconnect     |                  v stop, fault                  v
-      +---- any     stopped, fault <------+-------------- (silence) stopped
+                       ^                  |  3 missed periods ---------^ |
+                       | recover          |                              | 200 ms
+                       |                  v stop, fault                  v
+                    stopped, fault <------+-------------- (silence) stopped
 
 `stop` wins over everything, in every state; a fault after a stop stays a stop. Only `recover` leads out of
 either.
