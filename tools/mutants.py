@@ -46,7 +46,7 @@ TESTS = (
     "np_policy/test_policy.py",
     "np_planning/test_ros2_control.py",
 )
-PUBLISHED = ROOT / "docs/results/mutants.json"
+PUBLISHED = ROOT / "tools/mutants.json"
 LONGEST_TEST, LONGEST_MUTANT, LONGEST_WAIT = 8.0, 25.0, 600.0
 """Processor seconds of a test that is used and of all tests of one mutant, without a mutant; seconds that a mutant may wait for nothing."""
 NO_TESTS, UNUSED = 5, 71  # pytest's status; tests that have imported the original

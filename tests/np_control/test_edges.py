@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from np_control.controller import Controller, ControllerConfig
-from np_control.impedance import DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN
+from np_control.dynamics import Dynamics
+from np_control.impedance import DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN, damping
 from np_control.kinematics import forward_kinematics, jacobian
+from np_control.lockstep_input import LockstepCommandInput
 from np_control.realtime_input import HEARTBEAT_NS, RealtimeCommandInput
 from np_control.safety import LIMITS, Reason, Refusal, SafetyFilter, State, Watchdog, limit_gains, limit_target
 from np_control.safety.press import LEVER, press_force_scale, tip_force
 from np_control.trajectory import Trajectory, make_trajectory
 from np_description.panda import NOMINAL
+from np_description.phases import PhaseState
 
 PERIOD = LIMITS.period_ns
 ZERO = np.zeros(7)
@@ -231,6 +234,37 @@ def test_nothing_is_answered_or_followed_before_the_first_state():
     refused(Reason.STATE, controller.answer)
     refused(Reason.STATE, controller.follow, path)
     refused(Reason.STATE, controller.set_target, 0, *forward_kinematics(READY), *GAINS)
+
+
+def test_the_torque_of_a_stop_is_that_of_the_law_and_of_its_targets_acceleration():
+    controller = Controller(limits=replace(LIMITS, press=np.inf))
+    controller.observe(0, READY, ZERO)
+    controller.follow(Trajectory(np.array([0.0, 1.0]), np.stack([READY, READY + 0.3]), np.zeros((2, 7))), 0)
+    answers = []
+    for n in range(1, 170):
+        controller.observe(n * PERIOD, READY, ZERO)
+        answers.append(controller.answer())
+        if n == 100:
+            controller.stop()
+    velocities = np.array([answer.velocity for answer in answers])
+    stiffness, ratio = STIFFNESS_MAX, np.ones(7)
+    for n in range(102, 158):
+        acceleration = (velocities[n + 1] - velocities[n - 1]) / (2 * LIMITS.period)
+        law = stiffness * (answers[n].position - READY) + damping(stiffness, ratio) * velocities[n]
+        expected = law + Dynamics().feedforward(READY, ZERO, acceleration)
+        np.testing.assert_allclose(answers[n].torque, expected, atol=0.01)  # Nm
+    assert not velocities[160:].any()
+
+
+@pytest.mark.parametrize("stamp, kept", [(100, True), (99, False)])
+def test_a_beginning_keeps_what_belongs_to_its_own_tick(stamp, kept):
+    gate = LockstepCommandInput(100)
+    gate.tick(100, PhaseState("approach"))
+    gate.trajectory(100, "plan")
+    gate.begin(stamp)
+    assert gate.missing(100) == (None if kept else "episode/tick")
+    gate.tick(100, PhaseState("approach"))
+    assert gate.missing(100) == (None if kept else "joint_trajectory")
 
 
 def rest(times, positions, velocities=None):
