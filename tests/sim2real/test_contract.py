@@ -171,6 +171,7 @@ def test_the_command_writes_both_reports_and_refuses_with_status_2(tmp_path, log
     assert report["verdict"] in ("identified", "ambiguous")
     page = (tmp_path / "out" / "report.html").read_text()
     assert page.count("<svg") == 3 and 'src="http' not in page
+    assert "so that this one is named" in page and "outweighs a fault of one small joint" in page
     assert command.main([str(tmp_path / "nothing"), "--out", str(tmp_path / "none")]) == 2
     assert "does not exist" in capsys.readouterr().err and not (tmp_path / "none").exists()
 
