@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arm_generator import Truth, record
+from bags import record_episode
 from rclpy.serialization import serialize_message
 from sim2real.arm.model import panda
 from sim2real.arm.nominal_prediction import predict_expected_torque
@@ -15,6 +16,7 @@ from sim2real.recordings.reading import ContractViolation, load_log
 from sim2real.recordings.signals import Log
 
 from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_description.phases import PhaseState
 from np_record.bag_writer import BagWriter
 from np_record.recorder import Sequencer
 from np_record.topics import BY_NAME, TIMELINE
@@ -217,3 +219,12 @@ def npz_file(tmp_path, change):
     path = tmp_path / "log.npz"
     np.savez(path, **{name: values for name, values in columns.items() if values is not None})
     return path
+
+
+def test_an_episode_in_which_the_hand_pushes_is_no_free_motion(tmp_path, capsys):
+    phases = {0: PhaseState("pre"), 50: PhaseState("approach"), 100: PhaseState("post"), 180: PhaseState("succeeded")}
+    bag = record_episode(tmp_path / "bag", 200, phases)
+    assert command.main([str(bag), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "expected free motion of the arm, got a pushing episode" in said and "`diagnose_task` reads it" in said
+    assert not (tmp_path / "out").exists()
