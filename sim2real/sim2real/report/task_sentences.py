@@ -87,7 +87,7 @@ def _offset_text(one: Hypothesis, is_first: bool) -> str:
     if not is_first:
         return f"its {OFFSET_NAMES[one.name]}"
     off = f"the picture shows things {one.estimates['x']:mm} and {one.estimates['y']:mm} (x, y)"
-    return f"{off} from where the hand meets them: by the camera's {OFFSET_NAMES[one.name]}, which is off the other way"
+    return f"{off} from where the hand meets them: by the camera's {OFFSET_NAMES[one.name]} (off the other way)"
 
 
 def module_text(result: ModuleResult, diagnosis: TaskDiagnosis) -> str:
