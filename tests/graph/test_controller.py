@@ -184,6 +184,8 @@ def test_after_a_restart_of_the_backend_what_was_said_to_the_one_before_is_no_an
     probe.messages["diagnostics"].clear()
     state(0)
     waits_for(probe, "episode/tick")
+    probe.publish("episode/tick", phase_message(PhaseState("pre"), 0))
+    answered(probe, 0)
     state(TICK)
     goal = NOMINAL.ready - 0.01
     probe.publish("episode/tick", phase_message(PhaseState("approach"), TICK))
@@ -192,6 +194,26 @@ def test_after_a_restart_of_the_backend_what_was_said_to_the_one_before_is_no_an
     for stamp in range(TICK + PERIOD, 2 * TICK, PERIOD):
         state(stamp)
     np.testing.assert_array_equal(answered(probe, 2 * TICK - PERIOD)[0], goal)
+
+
+def test_what_an_episode_still_asks_for_after_a_reset_is_refused(start, state, probe):
+    """It hears of the reset after the first states of the new task, and has ticked by then: policy and plan have answered."""
+    start()
+    state(TICK)
+    probe.publish("episode/tick", phase_message(PhaseState("post"), TICK))
+    for _ in range(2):  # before the reset, and after it
+        stamp = TICK if not probe.messages["effort_command"] else 3 * TICK
+        state(stamp)
+        probe.publish("episode/tick", phase_message(PhaseState("post"), stamp))
+        probe.publish("target_pose", pose_message(stamp, BASE_FRAME, POSITION + [0, 0, 0.01], QUATERNION))
+        probe.publish("target_gains", gains_message(GAINS))
+        answered(probe, stamp)
+    counted(probe, "refused_state")
+    for k in range(1, 30):
+        state(3 * TICK + k * PERIOD)
+    position, *_, torque = answered(probe, 3 * TICK + 29 * PERIOD)
+    np.testing.assert_array_equal(position, NOMINAL.ready)
+    assert not np.any(torque)
 
 
 def test_a_refused_target_is_an_answer_that_changes_nothing(start, state, probe):

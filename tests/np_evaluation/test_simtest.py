@@ -120,6 +120,14 @@ def test_nothing_goes_on_after_a_reset_in_the_approach_when_the_episode_has_just
     assert not report.violations
 
 
+@pytest.mark.slow
+def test_a_reset_in_the_middle_of_a_push_leaves_the_arm_at_rest():
+    """The tick of the new task's first state still says `post`: its target belongs to an episode that is over."""
+    reset = InjectedFault("request", 1.478, "sim_bridge/reset")
+    report = play(replace(Plan.of(31508), is_recorded=False, faults=(reset,)))
+    assert not report.violations and "post" in report.phases and "joint_impedance: refused_state" in report.refusals
+
+
 def test_a_wall_clock_that_is_set_back_ends_no_episode():
     jump = InjectedFault("clock_jump", 0.8, "", 0.0, -4.0)
     report = play(

@@ -109,7 +109,8 @@ class JointImpedance(Node):
             if self._controller.observe(stamp, q[:7], dq[:7]):
                 self._gate.begin(stamp)
                 self._answered = None
-                if not self._waits:
+                # In lockstep time has waited for a controller that comes late: without a phase yet it goes on.
+                if self._following.phase or not self._waits:
                     self._following.begin()
         except (BadMessage, Refusal) as error:
             self.refuse(error)
