@@ -60,6 +60,7 @@ def test_what_a_guide_begins_with_is_motion_enough_to_be_judged(guide):
     told = [
         names.split() for names in re.findall(r"--only ((?:[a-z]+[a-z_0-9]* ?)+)", text) if names.split()[0] != "each"
     ]
+    told = [names for names in told if not names[0].startswith("nudge")]  # is looked at, not judged
     of_arm = [names for names in told if not set(names) <= set(FAMILIES)]  # the others are the task suite's
     assert of_arm
     for names in of_arm:
@@ -82,6 +83,14 @@ def test_it_takes_under_three_minutes_and_joins_up():
         assert start % TICK_NS == 0 and following - start >= (segment.duration + PAUSE) * 1e9 - 1
         # At least one tick lies between end and start, for phases to change.
     assert starts[0] >= 1_234_000_000 + PAUSE * 1e9
+
+
+def test_a_nudge_moves_one_joint_by_five_degrees_and_back():
+    (segment,) = make_suite(["nudge_7"])
+    moved = np.degrees(segment.positions - READY)
+    assert not moved[:, :6].any() and not moved[[0, -1]].any()
+    assert moved[:, 6].max() == pytest.approx(5.0) and moved[:, 6].min() == 0.0
+    assert np.degrees(np.abs(segment.velocities)).max() < 4.0  # deg/s
 
 
 def test_parts_of_it_can_be_named():

@@ -149,7 +149,12 @@ def _sweep(joint: int) -> _Experiment:
     return _Experiment(READY, 20.0, waves(20.0, amplitude, frequency, np.array([[np.pi / 2], [-np.pi / 2]])))
 
 
-# Not part of the suite: each asks one question for longer, where the suite left it open (sim2real.excitation.power).
+def _nudge(joint: int) -> _Experiment:
+    # The first motion of a new set-up: 5 degrees and back, at 3 degrees a second.
+    return _Experiment(READY, *visits([_only(joint, np.radians(5.0))], 3.0, 1.0))
+
+
+# Not part of the suite: each but the nudges asks one question for longer, where the suite left it open (sim2real.excitation.power).
 _FURTHER: dict[str, Callable[[], _Experiment]] = {
     "long_reference": lambda: _Experiment(READY, 20.0, _multisine(20.0, 0.24, 5)),
     "long_second": lambda: _Experiment(SECOND, 20.0, _multisine(20.0, 0.22, 6)),
@@ -158,6 +163,7 @@ _FURTHER: dict[str, Callable[[], _Experiment]] = {
     "long_chirp_odd": lambda: _chirp([0, 2, 4, 6], 30.0),
     "long_chirp_even": lambda: _chirp([1, 3, 5], 30.0),
     **{f"sweep_{name[-1]}": lambda j=j: _sweep(j) for j, name in enumerate(NOMINAL.joints)},
+    **{f"nudge_{name[-1]}": lambda j=j: _nudge(j) for j, name in enumerate(NOMINAL.joints)},
 }
 FURTHER = tuple(_FURTHER)
 _ALL = _SUITE | _FURTHER
