@@ -1,6 +1,7 @@
 """The simulated network, faults and invariants: runs are repeatable, keep what is promised, and find what is broken."""
 
 from dataclasses import replace
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from np_evaluation.simtest.faults import InjectedFault
 from np_evaluation.simtest.network import Network
 from np_evaluation.simtest.plan import Plan
 from np_evaluation.simtest.process import Process
-from np_evaluation.simtest.scheduler import SECOND, Disk, Locks, Scheduler, simulate_host
+from np_evaluation.simtest.scheduler import SECOND, Disk, Locks, Scheduler, _TurnQueue, simulate_host
 from np_evaluation.simtest.shrink import play, shrink
 from np_ros import qos
 from np_ros.processes.graph import NodeSpec
@@ -79,6 +80,19 @@ def test_a_frozen_process_gets_what_the_depth_keeps():
 def test_a_killed_process_says_nothing_more():
     heard = talk(Talker, act=lambda process, scheduler: process.kill())
     assert len(heard) < 110
+
+
+def test_a_recorder_that_is_killed_while_it_closes_its_bag_goes_no_further():
+    """Its callback sleeps when the kill comes, and then writes: nobody takes that any more (seed 40026 waited for ever)."""
+    queue, taken = _TurnQueue(), []
+    thread = Thread(target=lambda: taken.append(queue.get()) or queue.get())
+    thread.start()
+    queue.put("message")
+    queue.kill()
+    thread.join(10)
+    with pytest.raises(SystemExit):
+        queue.put("another")
+    assert taken == ["message"] and not thread.is_alive()
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])

@@ -128,7 +128,8 @@ class Process:
         try:
             self._turn()
         except SystemExit:
-            self._end("status 1")
+            if self.is_alive:
+                self._end("status 1")
         except Exception as error:  # noqa: BLE001  whatever a callback raises ends its process
             where = inspect.trace()[-1]
             self._end(f"crash: {type(error).__name__}: {error} ({where.filename.rsplit('/', 1)[-1]}:{where.lineno})")

@@ -140,9 +140,11 @@ class _TurnQueue:
     def __init__(self) -> None:
         self._items: list = []
         self._filled, self._used = threading.Semaphore(0), threading.Semaphore(0)
-        self._began = False
+        self._began = self._is_dead = False
 
     def put(self, item) -> None:
+        if self._is_dead:  # killed while a callback slept: the callback does not go on
+            raise SystemExit
         self._items.append(item)
         self._filled.release()
         if item is not None:  # after None its user ends, and is joined
@@ -160,6 +162,7 @@ class _TurnQueue:
 
     def kill(self) -> None:
         """End the thread as the death of its process does."""
+        self._is_dead = True
         self._items.append(Disk)
         self._filled.release()
 
