@@ -142,6 +142,14 @@ def test_a_reset_in_the_middle_of_a_push_leaves_the_arm_at_rest():
     assert not report.violations and "post" in report.phases and "joint_impedance: refused_state" in report.refusals
 
 
+@pytest.mark.slow
+def test_a_measurement_that_is_not_finite_can_be_recovered_from_in_lockstep():
+    """Time stands still while the arm is at fault: the state that was published last stays the broken one."""
+    broken = InjectedFault("sensor_nan", 1.053, "", 0.003)
+    report = play(replace(Plan.of(40043), is_recorded=False, faults=(broken,)))
+    assert not report.violations and any("reflex: force: no estimate" in phase for phase in report.phases)
+
+
 def test_a_wall_clock_that_is_set_back_ends_no_episode():
     jump = InjectedFault("clock_jump", 0.8, "", 0.0, -4.0)
     report = play(

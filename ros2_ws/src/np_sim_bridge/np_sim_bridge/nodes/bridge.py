@@ -306,6 +306,7 @@ class Bridge(Node):
         return cause
 
     def _recover(self) -> str:
+        self._measured = self._simulation.measure()  # anew: what was published last may be what the fault is about
         self._filter.recover(self._measured.position[:7])
         self._report()
         if self._lockstep:
