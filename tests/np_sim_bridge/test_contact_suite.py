@@ -24,7 +24,7 @@ from np_common.rotations import yaw_quaternion
 from np_control.impedance import STIFFNESS_MAX
 from np_control.kinematics import forward_kinematics, jacobian
 from np_description.camera import CAMERA
-from np_description.domains import BUMP, Pose
+from np_description.domains import BUMP, WALL, Pose
 from np_description.hand import FLAT_HAND
 from np_description.panda import NOMINAL
 from np_sim_bridge.simulation import Simulation
@@ -74,6 +74,17 @@ def test_the_housing_passes_a_tall_object_beside_which_the_table_is_touched(x, y
     assert len(places) == 4
     for place in places:  # the hand's y is across the table
         assert (corners.max(axis=0) < place - housing).any() or (corners.min(axis=0) > place + housing).any()
+
+
+@pytest.mark.parametrize("y", [-0.13, 0.0, 0.09])
+def test_the_housing_passes_a_wall_beside_which_the_table_is_touched(y):
+    """At its edge the tip was clear of the wall, and the hand pressed on it with 56 N."""
+    places = Workspace(WALL, CAMERA).touch_places(RestingObject.of(WALL, Pose(np.array([0.53, y, 0.05]), np.eye(4)[0])))
+    (wall,) = WALL.obstacles
+    housing = np.max([box.half_size[:2] for box in FLAT_HAND.housing], axis=0)
+    assert len(places) == 4
+    for place in places:
+        assert (np.abs(place - wall.centre[:2]) > housing + wall.half_size[:2]).any()
 
 
 def test_an_object_that_has_left_the_picture_is_told_from_one_that_no_pose_explains():

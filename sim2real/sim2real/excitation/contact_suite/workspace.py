@@ -111,18 +111,23 @@ class Workspace:
         margin = BESIDE + RADIUS
         if np.linalg.norm(place - resting.centre[:2]) < resting.reach + margin or not is_reachable(place):
             return False
-        if resting.height > GRIP and not self._clears_housing(place, resting):
-            return False
-        return all(
-            (np.abs(place - box.centre[:2]) > np.array(box.half_size[:2]) + margin).any()
-            for box in self.domain.obstacles
-        )
-
-    def _clears_housing(self, place: np.ndarray, resting: RestingObject) -> bool:
-        """Whether the housing of a hand that is down at (2,) m passes a tall object: it is as wide as the hand is, along y."""
         corners = resting.corners(np.zeros(2))[:, :2]
-        clear = HOUSING + BESIDE / 2
-        return bool(((corners.max(axis=0) < place - clear) | (corners.min(axis=0) > place + clear)).any())
+        if resting.height > GRIP and not _clears_housing(place, corners.min(axis=0), corners.max(axis=0)):
+            return False
+        for box in self.domain.obstacles:
+            centre, half = np.array(box.centre[:2]), np.array(box.half_size[:2])
+            if (np.abs(place - centre) <= half + margin).all():
+                return False
+            if box.centre[2] + box.half_size[2] > GRIP and not _clears_housing(place, centre - half, centre + half):
+                return False
+        return True
+
+
+def _clears_housing(place: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
+    """Whether the housing of a hand that is down at (2,) m passes what is tall between corners low and high (2,) m: it is as wide
+    as the hand is, along y."""
+    clear = HOUSING + BESIDE / 2
+    return bool(((high < place - clear) | (low > place + clear)).any())
 
 
 def is_reachable(place: np.ndarray) -> bool:
