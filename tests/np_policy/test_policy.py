@@ -14,7 +14,7 @@ from np_description.panda import FINGER_MAX, NOMINAL
 from np_description.weights.contract import KEY
 from np_description.weights.header import with_metadata
 from np_perception.pose_estimation import project_keypoints
-from np_policy.action import RESIDUAL_LIMITS_FINAL, PolicyError, decode, normalised_stiffness
+from np_policy.action import RESIDUAL_LIMITS_FINAL, PolicyError, decode, normalise_stiffness
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.hand_pose import POSITION_CENTRE, POSITION_RANGE
 from np_policy.networks import PostContactNetwork, PreContactNetwork
@@ -185,5 +185,5 @@ def test_observations_and_targets_of_many_are_those_of_each():
         np.testing.assert_allclose(found[1, 2], function(*one[arguments]), atol=1e-12)
     in_tensors = student_observation(*map(torch.as_tensor, many[2:4]))
     np.testing.assert_allclose(in_tensors.numpy(), student_observation(*many[2:4]))
-    shares = normalised_stiffness(np.stack([STIFFNESS_MIN, (STIFFNESS_MIN + STIFFNESS_MAX) / 2, STIFFNESS_MAX]))
+    shares = normalise_stiffness(np.stack([STIFFNESS_MIN, (STIFFNESS_MIN + STIFFNESS_MAX) / 2, STIFFNESS_MAX]))
     np.testing.assert_allclose(shares, np.repeat([[0], [0.5], [1]], 7, axis=1))
