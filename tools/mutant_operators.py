@@ -40,7 +40,6 @@ class Mutant:
     number: int
     line: int
     last_line: int
-    in_function: bool
     text: str
     original: str
     mutant: str
@@ -92,35 +91,34 @@ def _deletion(node: ast.stmt) -> ast.stmt | None:
     return None
 
 
-def _places(tree: ast.Module) -> Iterator[tuple[ast.stmt, bool, ast.AST, str, int | None, ast.AST]]:
-    """Every change of a module: its statement, whether it runs in a function, and what to set: parent, field, index, node."""
+def _places(tree: ast.Module) -> Iterator[tuple[ast.stmt, ast.AST, str, int | None, ast.AST]]:
+    """Every change of a module: its statement, and what to set: parent, field, index, node."""
 
-    def visit(parent: ast.AST, statement: ast.stmt | None, inside: bool) -> Iterator:
+    def visit(parent: ast.AST, statement: ast.stmt | None) -> Iterator:
         for name, value in ast.iter_fields(parent):
             if name in ("annotation", "returns", "decorator_list"):
                 continue
-            is_body = inside or (isinstance(parent, ast.FunctionDef) and name == "body")
             for i, node in enumerate(value) if isinstance(value, list) else ((None, value),):
                 if not isinstance(node, ast.AST) or isinstance(node, (ast.JoinedStr, ast.Import, ast.ImportFrom)):
                     continue
                 if isinstance(node, ast.stmt):
                     if (deleted := _deletion(node)) is not None:
-                        yield node, is_body, parent, name, i, deleted
+                        yield node, parent, name, i, deleted
                 elif name == "test" and not isinstance(node, (ast.Compare, ast.UnaryOp)):
-                    yield statement or parent, is_body, parent, name, i, ast.UnaryOp(ast.Not(), node)
+                    yield statement or parent, parent, name, i, ast.UnaryOp(ast.Not(), node)
                 if isinstance(parent, ast.Subscript) and isinstance(node, ast.Constant):
                     continue  # an index, which the whole expression changes
                 for other in _replacements(node):
-                    yield statement, is_body, parent, name, i, other
-                yield from visit(node, node if isinstance(node, ast.stmt) else statement, is_body)
+                    yield statement, parent, name, i, other
+                yield from visit(node, node if isinstance(node, ast.stmt) else statement)
 
-    yield from visit(tree, None, False)
+    yield from visit(tree, None)
 
 
 def mutants(module: str, source: str) -> list[Mutant]:
     """All mutants of a module, `module` its path within the sources."""
     lines, found = source.splitlines(), []
-    for number, (statement, inside, parent, field, i, other) in enumerate(_places(ast.parse(source))):
+    for number, (statement, parent, field, i, other) in enumerate(_places(ast.parse(source))):
         old = getattr(parent, field) if i is None else getattr(parent, field)[i]
         if (
             isinstance(old, ast.Constant)
@@ -133,14 +131,14 @@ def mutants(module: str, source: str) -> list[Mutant]:
         last = body[0].lineno - 1 if body and isinstance(body, list) else statement.end_lineno
         at = getattr(old, "lineno", statement.lineno)
         texts = [ast.unparse(ast.fix_missing_locations(node)) for node in (old, other)]
-        found.append(Mutant(module, number, at, max(at, last), inside, lines[at - 1].strip(), *texts))
+        found.append(Mutant(module, number, at, max(at, last), lines[at - 1].strip(), *texts))
     return found
 
 
 def mutated(source: str, number: int) -> str:
     """The module with its mutant `number` in it."""
     tree = ast.parse(source)
-    for n, (_, _, parent, field, i, other) in enumerate(_places(tree)):
+    for n, (_, parent, field, i, other) in enumerate(_places(tree)):
         if n == number:
             setattr(parent, field, other) if i is None else getattr(parent, field).__setitem__(i, other)
             return ast.unparse(ast.fix_missing_locations(tree))

@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
@@ -341,11 +341,7 @@ def summary(results: list[tuple[Mutant, str]], reasons: dict[tuple, str]) -> dic
     figures["modules"] = {name: {"mutants": n, "killed": killed} for name, (killed, n) in sorted(modules.items())}
     figures["survivors"] = [
         {
-            **{
-                key: value
-                for key, value in asdict(mutant).items()
-                if key in ("module", "line", "text", "original", "mutant")
-            },
+            **{name: getattr(mutant, name) for name in ("module", "line", "text", "original", "mutant")},
             "reason": reasons.get(mutant.key, ""),
         }
         for mutant in alive

@@ -36,6 +36,10 @@ class Estimate:
     high: float
     unit: str
 
+    def row(self) -> dict:
+        """Value and 95 % interval, as reports have them."""
+        return {"value": self.value, "ci95": [self.low, self.high]}
+
 
 def estimate(
     search: ModelSearch, model: ScoredModel, member: int, seed: int, refined: bool = True

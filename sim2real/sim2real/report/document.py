@@ -14,6 +14,7 @@ from sim2real.diagnosis import Diagnosis
 from sim2real.effects.patch import Patch, dump_patch
 from sim2real.finding import Finding
 from sim2real.gap_location import list_growing_gaps, locate_gap, regime_gaps, stage_gaps
+from sim2real.inference.estimates import Estimate
 from sim2real.progress import StageCallback, ignore_stage
 from sim2real.recordings.signals import Log
 from sim2real.report.held_out import describe_held_out
@@ -66,9 +67,7 @@ def make_report(
                 "quantity": one.quantity,
                 "component": one.component,
                 "nominal": one.nominal,
-                "value": one.estimate.value,
-                "ci95": [one.estimate.low, one.estimate.high],
-                "unit": one.estimate.unit,
+                **_estimate_row(one.estimate),
             }
             for one in done.arm
         ],
@@ -137,6 +136,10 @@ def write_report(
     return report
 
 
+def _estimate_row(one: Estimate) -> dict:
+    return {**one.row(), "unit": one.unit}
+
+
 def _effect_row(finding: Finding) -> dict:
     return {
         "effect": finding.effect.id,
@@ -145,9 +148,7 @@ def _effect_row(finding: Finding) -> dict:
         "class_probability": finding.class_probability,
         "special_case_of": list(finding.generalised_by),
         "equivalent_to": list(finding.equivalent_to),
-        "parameters": {
-            name: {"value": e.value, "ci95": [e.low, e.high], "unit": e.unit} for name, e in finding.parameters.items()
-        },
+        "parameters": {name: _estimate_row(e) for name, e in finding.parameters.items()},
         "gap_shrink": finding.shrink,
         "variant": finding.effect.variant,
         "is_added": finding.is_chosen,

@@ -219,8 +219,8 @@ def _refit_row(done: Refit, left_out: Sequence[RefittedEffect]) -> dict:
                     "component": part.component,
                     "parameter": name,
                     "unit": forward.unit,
-                    "torque_domain": {"value": torque.value, "ci95": [torque.low, torque.high]},
-                    "forward": {"value": forward.value, "ci95": [forward.low, forward.high]},
+                    "torque_domain": torque.row(),
+                    "forward": forward.row(),
                     "disagree": is_disagreement(torque, forward),
                 }
             )

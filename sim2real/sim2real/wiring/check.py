@@ -115,11 +115,8 @@ def find_stream_fault(recording: WiringRecording, log: Log) -> WiringFault | Non
         fault = find_target_pose_fault(log, (recording.pose_stamps - first) / SECOND, recording.poses)
     if fault or recording.domain is None or recording.calibration:
         return fault
-    if len(recording.images) and recording.images.shape[1:] == (
-        CAMERA.height,
-        CAMERA.width,
-        3,
-    ):  # the detectors know no others
+    # The detectors know no others.
+    if len(recording.images) and recording.images.shape[1:] == (CAMERA.height, CAMERA.width, 3):
         try:
             fault = find_image_fault(recording.images, recording.domain)
         except WeightsError:  # no detector was released for the object

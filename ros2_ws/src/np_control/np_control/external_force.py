@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import isfinite
 
 import numpy as np
 
@@ -56,7 +57,7 @@ class ForceObserver:
         torque (7,) Nm: mean of the drives' torque in the period, without gravity. Values that are not finite give no estimate
         (its share is NaN), and the filter begins anew in the next period: it would keep them for ever.
         """
-        before = self.last if np.isfinite(self.last.share) else NO_FORCE
+        before = self.last if isfinite(self.last.share) else NO_FORCE
         model = self._dynamics.feedforward(q, dq, (dq_after - dq) / self._period) + self._friction(dq_after)
         raw_torque = external_torque(torque, model)
         raw = hand_wrench(raw_torque, self._dynamics.jacobian(q))

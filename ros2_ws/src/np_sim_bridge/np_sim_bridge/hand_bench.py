@@ -18,11 +18,8 @@ PRESS, SPEED, DISTANCE = 10.0, 0.1, 0.04  # N, m/s, m
 DIRECTIONS = {"up": (0.0, 0.0, 1.0), "sideways": (0.0, 1.0, 0.0), "both": (0.0, np.sqrt(0.5), np.sqrt(0.5))}
 # Hand axes in the base frame: the pads lean by 20 to 25 degrees about both of their sides, so that each touches with a corner.
 OUT_OF_HAND, FINGERS_OPEN = np.array([0.16, 0.31, -0.94]), np.array([0.19, -0.94, -0.28])
-LEANED = matrix_from_six(np.concatenate([OUT_OF_HAND, FINGERS_OPEN]))[:, ::-1] * [
-    -1,
-    1,
-    1,
-]  # its columns are z, y and -x
+_OUT_OPEN_SIDE = matrix_from_six(np.concatenate([OUT_OF_HAND, FINGERS_OPEN]))
+LEANED = _OUT_OPEN_SIDE[:, ::-1] * [-1, 1, 1]  # its columns are z, y and -x
 BEFORE, BESIDE, ABOVE = 0.024, -0.005, 0.015  # m, of T_E from the box: before its face, beside and above its middle
 ALONG, ALONG_DAMPING, PRESS_DAMPING = 2000.0, 150.0, 60.0  # N/m, N s/m, N s/m
 TURNING, TURNING_DAMPING, NULL_DAMPING = 60.0, 3.0, 1.0  # Nm/rad, Nm s/rad, Nm s/rad

@@ -98,7 +98,14 @@ class Workspace:
         """Four places (2,) m of the bare table, far from one another, at which the tip may touch it. Fewer where there are fewer."""
         (left, right), (low, high) = self.domain.workspace_x, self.domain.workspace_y
         xs, ys = np.linspace(max(left, 0.42), min(right, 0.62), 9), np.linspace(max(low, -0.3), min(high, 0.3), 13)
-        free = [np.array([x, y]) for x in xs for y in ys if self._is_bare(np.array([x, y]), resting)]
+        forbidden, apart = self._list_forbidden(resting), resting.reach + BESIDE + RADIUS
+        free = [
+            place
+            for place in (np.array([x, y]) for x in xs for y in ys)
+            if np.linalg.norm(place - resting.centre[:2]) >= apart
+            and is_reachable(place)
+            and all(((place < lowest) | (place > highest)).any() for lowest, highest in forbidden)
+        ]
         wanted = [np.array([x, y]) for y in (ys[0], ys[-1]) for x in (xs[0], xs[-1])]
         found: list[np.ndarray] = []
         for corner in wanted:
@@ -107,27 +114,16 @@ class Workspace:
                 found.append(free.pop(nearest))
         return found
 
-    def _is_bare(self, place: np.ndarray, resting: RestingObject) -> bool:
-        margin = BESIDE + RADIUS
-        if np.linalg.norm(place - resting.centre[:2]) < resting.reach + margin or not is_reachable(place):
-            return False
-        corners = resting.corners(np.zeros(2))[:, :2]
-        if resting.height > GRIP and not _clears_housing(place, corners.min(axis=0), corners.max(axis=0)):
-            return False
-        for box in self.domain.obstacles:
-            centre, half = np.array(box.centre[:2]), np.array(box.half_size[:2])
-            if (np.abs(place - centre) <= half + margin).all():
-                return False
-            if box.centre[2] + box.half_size[2] > GRIP and not _clears_housing(place, centre - half, centre + half):
-                return False
-        return True
-
-
-def _clears_housing(place: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
-    """Whether the housing of a hand that is down at (2,) m passes what is tall between corners low and high (2,) m: it is as wide
-    as the hand is, along y."""
-    clear = HOUSING + BESIDE / 2
-    return bool(((high < place - clear) | (low > place + clear)).any())
+    def _list_forbidden(self, resting: RestingObject) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Rectangles, lowest and highest corner (2,) m, in which a hand that points down meets an obstacle or a tall object: by its tip, and
+        by its housing, which is as wide as the hand is, along y."""
+        tip, housing = BESIDE + RADIUS, HOUSING + BESIDE / 2
+        found = [_outline(box, tip) for box in self.domain.obstacles]
+        found += [_outline(box, housing) for box in self.domain.obstacles if box.centre[2] + box.half_size[2] > GRIP]
+        if resting.height > GRIP:
+            corners = resting.corners(np.zeros(2))[:, :2]
+            found.append((corners.min(axis=0) - housing, corners.max(axis=0) + housing))
+        return found
 
 
 def is_reachable(place: np.ndarray) -> bool:
@@ -135,11 +131,14 @@ def is_reachable(place: np.ndarray) -> bool:
     return REACH[0] < np.linalg.norm(place) < REACH[1]
 
 
+def _outline(box, margin) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest corner (2,) m of a box seen from above, grown by a margin, m or (2,) m."""
+    centre, half = np.array(box.centre[:2]), np.array(box.half_size[:2])
+    return centre - half - margin, centre + half + margin
+
+
 def _is_clear_of(corners: np.ndarray, box) -> bool:
     """Whether no corner (n, 2) m is over a box, nor beyond its nearest side where it is a wall's length."""
-    low, high = (
-        np.array(box.centre[:2]) - box.half_size[:2] - CLEAR,
-        np.array(box.centre[:2]) + box.half_size[:2] + CLEAR,
-    )
+    low, high = _outline(box, CLEAR)
     lowest, highest = corners.min(axis=0), corners.max(axis=0)
     return bool((highest < low).any() or (lowest > high).any())

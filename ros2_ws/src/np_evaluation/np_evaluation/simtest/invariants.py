@@ -119,9 +119,7 @@ class Invariants:
         if self._state in held and state not in held and not self.recover_asked:
             self.violate("recover", f"{self._state} became {state} without recover")
         if state not in held:
-            if (
-                self._state in held
-            ):  # the arm goes to the target of the first command, which is within 0.1 rad of it (graph.md)
+            if self._state in held:  # the arm goes to the first command's target, within 0.1 rad of it (graph.md)
                 self._unowned = 0
             self.recover_asked = 0
         self._state = state
