@@ -30,7 +30,7 @@ except ImportError:
 
 # Of two workers that take file by file, none begins a minute's work when the other has nothing left. The second compiles the
 # physics of training, a minute too, which files side by side would each do for themselves.
-LONGEST = ("test_commands", "test_physics", "test_reproducible", "test_faults", "test_policy_path", "test_diagnosis")
+LONGEST = ("test_commands", "test_physics", "test_reproducible", "test_faults", "test_diagnosis")
 LARGE = ("torch", "scipy.stats", "mujoco_warp", "matplotlib.pyplot")
 
 

@@ -21,7 +21,7 @@ from np_ros.processes import domain
 
 SECOND = 1_000_000_000
 _EPOCH = 1_700_000_000 * SECOND  # ns, the wall clock at the beginning of a run
-_PACKAGES = ("np_ros.", "np_policy.", "np_control.", "np_planning.", "np_sim_bridge.", "np_record.")
+_PACKAGES = ("np_ros.", "np_policy.", "np_control.", "np_planning.", "np_perception.", "np_sim_bridge.", "np_record.")
 
 
 class Scheduler:

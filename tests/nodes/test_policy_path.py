@@ -1,17 +1,12 @@
-"""pre_contact, approach, post_contact and episode as processes; the test is backend and perception."""
+"""pre_contact, approach, post_contact and episode; the test is backend and perception."""
 
-import os
-import signal
-import time
-from contextlib import ExitStack, closing
 from functools import cache
-from itertools import count
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
-from graph_tools import Graph, Probe, refusal
+from graph_tools import refusal
 from policy_weights import write_policies
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Float64, Float64MultiArray
@@ -35,7 +30,6 @@ from np_policy.nodes import episode_node, post_contact_node
 from np_ros import qos
 from np_ros.messages import joint_state_message, keypoints_message, pose_message
 from np_ros.phases import phase_state, refusal_reason
-from np_ros.processes.graph import NodeSpec
 
 TICK = 100_000_000
 START, GOAL = sample_task(CARD, np.random.default_rng(0))
@@ -61,22 +55,16 @@ OUTPUTS = {
 
 
 class Backend:
-    """What the nodes under test hear, and what they have said.
-
-    Time goes on from one test to the next, as it does from one episode to the next: the nodes are the same.
-    """
-
-    _began = count(0, 10_000)  # policy ticks
+    """What the nodes under test hear, and what they have said."""
 
     def __init__(self, probe, graph):
         self.probe, self.graph = probe, graph
-        self._first = next(self._began)
         self._last = {}
         self._repeat_at = 0.0
 
     def tick(self, number):
-        """Stamp (ns) of a policy tick of this test, counted from 1."""
-        return (self._first + number) * TICK
+        """Stamp (ns) of a policy tick, counted from 1."""
+        return number * TICK
 
     def goal(self, stamp):
         self.probe.publish("goal_pose", pose_message(stamp, BASE_FRAME, GOAL.position, GOAL.quaternion), qos.LATCHED)
@@ -96,7 +84,7 @@ class Backend:
 
     def _publish(self, topic, message):
         self._last[topic] = message
-        self._repeat_at = time.monotonic() + 1.0
+        self._repeat_at = self.graph.seconds + 1.0
         self.probe.publish(topic, message)
 
     def forget(self):
@@ -119,8 +107,8 @@ class Backend:
         """Until the condition holds; what got lost is published again after a second, as backends do in lockstep."""
 
         def met():
-            if time.monotonic() > self._repeat_at:
-                self._repeat_at = time.monotonic() + 1.0
+            if self.graph.seconds > self._repeat_at:
+                self._repeat_at = self.graph.seconds + 1.0
                 for topic, message in self._last.items():
                     self.probe.publish(topic, message)
             return condition()
@@ -133,52 +121,33 @@ class Backend:
 
 
 @pytest.fixture(scope="module")
-def thinking(tmp_path_factory):
-    """Gives the graph of the three nodes that `episode` leads, in a mode, once for all tests: nothing of an episode may be left in them
-    after it. Where the student wants the hand elsewhere, another `pre_contact` takes its place."""
-    with ExitStack() as stack:
-
-        @cache
-        def weights(position):
-            return str(write_policies(tmp_path_factory.mktemp("weights"), CARD, position=position))
-
-        @cache
-        def graph_in(mode):
-            return stack.enter_context(Graph(tmp_path_factory.mktemp(mode) / "log"))
-
-        def think(mode, position):
-            graph = graph_in(mode)
-            own = {
-                "pre_contact": {"weights": weights(position)},
-                "post_contact": {"weights": weights(HAND)},
-                "approach": {"improve_checks": 2000},
-            }
-            common = {"mode": mode, "domain": "card"}
-            graph.bring_to([NodeSpec("np_policy", name, "", {**common, **given}) for name, given in own.items()])
-            return graph
-
-        yield think
+def weights(tmp_path_factory):
+    """The folder of policies of which the student wants the hand at a position."""
+    return cache(lambda position: str(write_policies(tmp_path_factory.mktemp("weights"), CARD, position=position)))
 
 
 @pytest.fixture
-def begin(thinking):
-    """Starts `episode` beside the other three; options: its parameters."""
-    with ExitStack() as stack:
+def begin(graph, probe, weights):
+    """Starts the four nodes, the student's hand at a position; options: parameters of `episode`."""
 
-        def begun(position=HAND, mode="lockstep", **episode):
-            graph = thinking(mode, position)
-            probe = stack.enter_context(closing(Probe(graph)))
-            for topic, (kind, profile) in OUTPUTS.items():
-                probe.collect(topic, kind, profile)
-            probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
-            for topic, (kind, profile) in INPUTS.items():
-                probe.advertise(topic, kind, profile)
-            graph.run("np_policy", "episode", {"mode": mode, "domain": "card", **episode})
-            stack.callback(graph.stop, "episode")
-            probe.wait_until_ready(set(NODES))
-            return Backend(probe, graph)
+    def begun(position=HAND, mode="lockstep", **episode):
+        for topic, (kind, profile) in OUTPUTS.items():
+            probe.collect(topic, kind, profile)
+        probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
+        for topic, (kind, profile) in INPUTS.items():
+            probe.advertise(topic, kind, profile)
+        own = {
+            "pre_contact": {"weights": weights(position)},
+            "approach": {"improve_checks": 2000},
+            "post_contact": {"weights": weights(HAND)},
+            "episode": episode,
+        }
+        for name, given in own.items():
+            graph.run("np_policy", name, {"mode": mode, "domain": "card", **given})
+        probe.wait_until_ready(set(NODES))
+        return Backend(probe, graph)
 
-        yield begun
+    return begun
 
 
 def run_to_post(backend, first):
@@ -407,12 +376,12 @@ def test_in_real_time_nobody_is_waited_for_and_a_silent_camera_ends_the_episode(
     backend = begin(mode="realtime", silence=4.0, settle=0.0)  # more than a busy machine is silent
     backend.goal(backend.tick(1))
     backend.start()
-    began, frames = time.monotonic(), []
+    began, frames = backend.graph.seconds, []
 
     def stream_until(condition, what):
         def step():
             passed = len(frames) * TICK // 3
-            if time.monotonic() - began >= passed / 1e9:  # time is that of the clock, as fast as nodes may be
+            if backend.graph.seconds - began >= passed / 1e9:
                 stamp = backend.tick(1) + passed
                 frames.append(stamp)
                 backend.stand(stamp - 1, backend.joints)  # the newest state, not one of the image's stamp
@@ -439,6 +408,8 @@ def test_in_real_time_an_episode_does_not_begin_with_what_a_silent_camera_saw(be
     backend.stand(backend.tick(2))
     for number in range(3):
         backend.see(backend.tick(2) + number)
+    seen = backend.graph.seconds
+    backend.probe.wait_until(lambda: backend.graph.seconds > seen + 2.0)
     backend.start()
     backend.probe.wait_until(lambda: backend.phase().startswith("failed"), what="the end")
     assert backend.phase() == "failed: pre: no keypoints within 1 s"
@@ -449,14 +420,10 @@ def test_in_real_time_a_busy_pre_contact_does_not_take_what_was_seen_before_the_
     """Both wait for it: what was seen, and then the start."""
     backend = begin(mode="realtime", silence=60.0)
     backend.goal(backend.tick(1))
-    pid = backend.graph.pid("pre_contact")
-    os.kill(pid, signal.SIGSTOP)
-    try:
+    with backend.graph.frozen("pre_contact"):
         backend.see(backend.tick(2))
         backend.start()
         backend.probe.wait_until(lambda: backend.phase() == "pre", what="the start")
-    finally:
-        os.kill(pid, signal.SIGCONT)
     backend.said("diagnostics").clear()
 
     def spoke():
@@ -485,18 +452,15 @@ def test_a_mode_that_does_not_exist_is_refused(capfd):
     assert "lockstep" in refusal(capfd, episode_node.main, mode="slow")
 
 
-def test_bytes_that_are_no_joint_state_are_refused_and_nobody_dies(graph, probe, untrained):
+def test_bytes_that_are_no_joint_state_are_refused_and_nobody_dies(begin):
     """The policies read joint states themselves, ten of 500 a second; what `fuzz` sent ended them."""
-    names = {graph.run("np_policy", "approach"), graph.run("np_policy", "post_contact", {"weights": str(untrained)})}
+    backend = begin()
+    backend.probe.advertise("joint_states", JointState).publish(b"\x00\x01\x00\x00\x01")
     refused = {}
 
-    def hear(array):
-        for status in array.status:
-            counts = {pair.key: pair.value for pair in status.values}
-            refused[status.name.lstrip("/")] = counts.get("refused_encoding", "0")
+    def both():
+        for status in (status for array in backend.said("diagnostics") for status in array.status):
+            refused[status.name] = {pair.key: pair.value for pair in status.values}.get("refused_encoding")
+        return refused.get("/approach") == refused.get("/post_contact") == "1"
 
-    probe.collect("diagnostics", DiagnosticArray, qos.RECORDER, callback=hear)
-    probe.advertise("joint_states", JointState)
-    probe.wait_until_ready(names)
-    probe.advertise("joint_states", JointState).publish(b"\x00\x01\x00\x00\x01")
-    probe.wait_until(lambda: all(refused.get(name) == "1" for name in names), what="both to have refused it")
+    backend.wait(both, "both to have refused it")
