@@ -112,14 +112,17 @@ class SimulatedProbe:
         self._publishers: dict[str, object] = {}
         self.messages: dict[str, list] = defaultdict(list)
 
-    def close(self) -> None:
-        """Leave the graph."""
-        self._process.stop()
-
-    def collect(self, topic: str, message_type: type, qos=profiles.LOCKSTEP) -> list:
-        """Keep what comes on `topic` in `messages[topic]`, the list returned."""
+    def collect(
+        self, topic: str, message_type: type, qos=profiles.LOCKSTEP, callback: Callable = lambda message: None
+    ) -> list:
+        """Keep what comes on `topic` in `messages[topic]`, the list returned, and hand it to `callback`."""
         received = self.messages[topic]
-        self.node.create_subscription(message_type, topic, lambda message: received.append(message), qos)
+
+        def keep(message):
+            received.append(message)
+            callback(message)
+
+        self.node.create_subscription(message_type, topic, keep, qos)
         return received
 
     def advertise(self, topic: str, message_type: type, qos=profiles.LOCKSTEP):
@@ -165,5 +168,6 @@ class SimulatedProbe:
         with self._graph.host():
             while not condition():
                 self._graph.check()
-                assert scheduler.now < end, f"expected {what} within {timeout:g} s; it did not come"
+                if scheduler.now > end:
+                    raise TimeoutError(f"expected {what} within {timeout:g} s; it did not come")
                 scheduler.run_until(scheduler.now + _STEP)

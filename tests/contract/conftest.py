@@ -12,6 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from backends import BACKENDS, Harness  # noqa: E402
 from graph_tools import Graph, Probe  # noqa: E402
+from simulated_tools import SimulatedGraph, SimulatedProbe  # noqa: E402
 
 from np_evaluation.conformance.checks import ConformanceCheck  # noqa: E402
 
@@ -20,6 +21,7 @@ STARTS = {
     "running": lambda backend, mode: True,
     "running_realtime": lambda backend, mode: mode == "realtime",
     "lockstep_start": lambda backend, mode: mode == "lockstep",
+    "simulated_start": lambda backend, mode: mode == "lockstep",
     "camera_start": lambda backend, mode: mode == "realtime" and backend.has_camera,
     "pausing_start": lambda backend, mode: mode == "realtime" and backend.can_pause,
 }
@@ -104,3 +106,15 @@ def lockstep_start(request, tmp_path):
 
 
 camera_start = pausing_start = lockstep_start
+
+
+@pytest.fixture
+def simulated_start(request):
+    """A function that starts the backend as a simulated process and gives a Harness."""
+
+    def start(**parameters) -> Harness:
+        name, mode = request.param
+        graph = SimulatedGraph()
+        return Harness(graph, SimulatedProbe(graph), BACKENDS[name], mode, **parameters)
+
+    return start

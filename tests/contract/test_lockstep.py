@@ -1,4 +1,4 @@
-"""What a backend that owns time keeps in lockstep: barriers, watchdog, resets, equal runs."""
+"""What a backend that owns time keeps in lockstep: barriers, watchdog, resets, equal runs; as a process where speed or pixels matter."""
 
 import numpy as np
 from backends import PERIOD, pushing, silent, stay
@@ -30,14 +30,14 @@ def stamps(messages):
     return list(dict.fromkeys(stamp_nanoseconds(m.header.stamp) for m in messages))
 
 
-def test_time_takes_one_period_for_each_answer(lockstep_start):
-    harness = lockstep_start()
+def test_time_takes_one_period_for_each_answer(simulated_start):
+    harness = simulated_start()
     harness.follow(stay, lambda: harness.stamp >= TICK, "a policy period")
     assert stamps(harness.states)[: TICK // PERIOD] == list(range(0, TICK, PERIOD))
 
 
-def test_a_state_without_an_answer_is_repeated(lockstep_start):
-    harness = lockstep_start()
+def test_a_state_without_an_answer_is_repeated(simulated_start):
+    harness = simulated_start()
     harness.follow(stay, lambda: harness.stamp >= 10 * PERIOD, "ten periods")
     harness.states.clear()
     harness.wait(lambda: len(harness.states) > len(stamps(harness.states)), "a state to come again")
@@ -49,8 +49,8 @@ def test_a_state_without_an_answer_is_repeated(lockstep_start):
     assert not any(key.startswith("refused") for key in harness.status)
 
 
-def test_policy_ticks_wait_for_tick_and_in_post_for_the_target(lockstep_start):
-    harness = lockstep_start(tick_barrier=True)
+def test_policy_ticks_wait_for_tick_and_in_post_for_the_target(simulated_start):
+    harness = simulated_start(tick_barrier=True)
     for topic, message_type in (("episode/tick", DiagnosticArray), ("target_pose", PoseStamped)):
         harness.probe.advertise(topic, message_type)
         harness.wait(lambda: harness.probe.matched(topic), topic)
@@ -71,15 +71,15 @@ def test_policy_ticks_wait_for_tick_and_in_post_for_the_target(lockstep_start):
     harness.answer = silent
 
 
-def test_an_answer_that_never_comes_stops_the_arm_and_is_named(lockstep_start):
-    harness = lockstep_start(tick_barrier=True, lockstep_timeout=1.0)
+def test_an_answer_that_never_comes_stops_the_arm_and_is_named(simulated_start):
+    harness = simulated_start(tick_barrier=True, lockstep_timeout=1.0)
     harness.probe.publish("episode/phase", phase_message(PhaseState("pre")), qos.LATCHED)
     harness.wait_state("stopped")
     assert "no episode/tick" in harness.message and "0 ns" in harness.message
 
 
-def test_silence_holds_after_three_periods_and_stops_after_200_ms(lockstep_start):
-    harness = lockstep_start()
+def test_silence_holds_after_three_periods_and_stops_after_200_ms(simulated_start):
+    harness = simulated_start()
     first = harness.states[-1].position[6]
     harness.follow(pushing(1.5), lambda: harness.states[-1].position[6] > first + 0.02, "joint 7 to turn")
     last = harness.stamp  # the newest state is not answered
@@ -92,7 +92,7 @@ def test_silence_holds_after_three_periods_and_stops_after_200_ms(lockstep_start
     answered = last - PERIOD
     while harness.stamp - answered <= 3 * PERIOD:
         step()
-    assert harness.status["state"] == "moving"
+    harness.wait_state("moving")
     step()
     harness.wait_state("holding")
     while harness.stamp - answered < 200_000_000:
@@ -109,8 +109,8 @@ def test_silence_holds_after_three_periods_and_stops_after_200_ms(lockstep_start
     harness.follow(stay, lambda: harness.status.get("state") == "moving", "commands to be taken again")
 
 
-def test_refused_answers_lead_to_rest_and_not_to_a_hang(lockstep_start):
-    harness = lockstep_start()
+def test_refused_answers_lead_to_rest_and_not_to_a_hang(simulated_start):
+    harness = simulated_start()
     harness.follow(pushing(1.5), lambda: harness.stamp >= 20 * PERIOD, "twenty periods")
     harness.follow(
         lambda state: stay(state, effort=[float("nan")] * 7),
@@ -121,8 +121,8 @@ def test_refused_answers_lead_to_rest_and_not_to_a_hang(lockstep_start):
     harness.wait(lambda: max(map(abs, harness.states[-1].velocity[:7])) < 0.05, "rest")
 
 
-def test_pause_and_step(lockstep_start):
-    harness = lockstep_start()
+def test_pause_and_step(simulated_start):
+    harness = simulated_start()
     assert harness.call("pause", True).success
     harness.send(stay(harness.states[-1]))
     assert harness.call("step").success
@@ -205,9 +205,9 @@ def test_camera_info_and_images_agree(lockstep_start):
     assert images[0].header == infos[0].header
 
 
-def test_resets_draw_the_task_from_seed_and_number_alone(lockstep_start):
+def test_resets_draw_the_task_from_seed_and_number_alone(simulated_start):
     def tasks(seed, disturb):
-        harness = lockstep_start(seed=seed)
+        harness = simulated_start(seed=seed)
         goals = harness.probe.collect("goal_pose", PoseStamped, qos.LATCHED)
         objects = harness.probe.collect("object_pose", PoseStamped)
         drawn = []
@@ -232,7 +232,6 @@ def test_resets_draw_the_task_from_seed_and_number_alone(lockstep_start):
                 [response.message.split(" at ")[0], goals[-1].pose, objects[-1].pose, state.position, state.velocity]
             )
             assert np.allclose(state.position[:7], NOMINAL.ready) and not any(state.velocity)
-        harness.graph.close()
         return drawn
 
     first = tasks(5, disturb=False)
@@ -242,8 +241,8 @@ def test_resets_draw_the_task_from_seed_and_number_alone(lockstep_start):
     assert all(a[1] != b[1] for a, b in zip(tasks(6, disturb=False), first))
 
 
-def test_the_goal_is_latched(lockstep_start):
-    harness = lockstep_start()
+def test_the_goal_is_latched(simulated_start):
+    harness = simulated_start()
     harness.follow(stay, lambda: harness.stamp >= TICK, "a policy period")
     goals = harness.probe.collect("goal_pose", PoseStamped, qos.LATCHED)
     harness.wait(lambda: goals, "the goal, long after it was published")
