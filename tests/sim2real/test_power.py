@@ -1,38 +1,23 @@
 """Which experiment would settle an ambiguity, and how probably."""
 
-from dataclasses import replace
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-from arm_generator import Truth, at, record
+from arm_generator import Truth, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim2real.arm.model import panda
-from sim2real.consequences import Consequences
-from sim2real.diagnosis import explain_gap
-from sim2real.effects.patch import Patch
-from sim2real.excitation.ambiguity import Ambiguity, find_ambiguity, find_open_question
+from sim2real.excitation.ambiguity import Ambiguity
 from sim2real.excitation.planned_recordings import plan_cells, plan_log
 from sim2real.excitation.power import (
-    EXPERIMENTS,
-    NONE,
-    UNLIKELY,
     _Belief,
     _draw_log_bayes_factors,
     _log_evidence,
-    choose_next_experiment,
     predict_powers,
 )
-from sim2real.excitation.suite import make_experiment, make_suite
+from sim2real.excitation.suite import make_experiment
 from sim2real.inference.context import make_context
-from sim2real.inference.ranking import find_generalisations, is_in_column_space
 from sim2real.inference.regression import make_regression
 from sim2real.inference.search import ModelSearch
-from sim2real.report.document import make_report, to_json
-from sim2real.report.page import render
-from sim2real.simulation.refit import refit_in_simulation
-from sim2real.thresholds import THRESHOLDS
 
 
 def belief(ids, mean, spread):
@@ -112,97 +97,3 @@ def test_longer_motions_say_more_and_a_posture_tells_payload_from_offsets(payloa
     short, long, still = row
     assert long.nats > short.nats > still.nats
     assert all(0 <= p.probability <= 1 for p in row)
-
-
-def test_what_are_the_same_forces_no_experiment_can_tell(uneven):
-    diagnosis, log = uneven
-    member = diagnosis.chosen.members[0]
-    question = find_ambiguity(diagnosis.search, diagnosis.chosen, member, ())
-    assert question is not None and any(
-        " + ".join(names) == "coulomb_friction + torque_offset" for names in question.names
-    )
-    (row,) = predict_powers(diagnosis.search, question, EXPERIMENTS)
-    assert max(p.probability for p in row) < 0.1
-    answer = {
-        "name": NONE,
-        "separates": [" + ".join(n) for n in question.names],
-        "component": question.component,
-        "expected_sigma": 0.0,
-        "probability": 0.0,
-        "cannot_separate": ["coulomb_friction + torque_offset"],
-        "ranked": [],
-    }
-    report = make_report(diagnosis, [log], 0.0, Consequences(Patch(), experiment=answer))
-    assert to_json(report) and NONE in render(report, diagnosis)
-
-
-def test_the_rival_is_what_explains_the_recording_and_not_a_part_of_it(uneven):
-    """A constant torque alone is no rival of uneven friction; beside plain friction it is the same forces."""
-    diagnosis, _ = uneven
-    question = find_ambiguity(diagnosis.search, diagnosis.chosen, diagnosis.chosen.members[0], ("torque_offset",))
-    assert ("torque_offset",) not in question.names and ("coulomb_friction", "torque_offset") in question.names
-    assert all(p.probability < 0.1 for row in predict_powers(diagnosis.search, question, EXPERIMENTS) for p in row)
-
-
-def test_an_offset_may_be_friction_with_equal_and_opposite_levels(uneven):
-    """The same forces, of the drive or of the joint: neither is a special case that would leave the other one right."""
-    search = uneven[0].search
-    number = {(c.effect.key, c.joint): n for n, c in enumerate(search.design.candidates)}
-    offset, friction = number["torque_offset[unseen by the sensor]", 0], number["asymmetric_coulomb_friction", 0]
-    assert is_in_column_space(search.design, *(search.design.candidates[n] for n in (friction, offset)))
-    assert find_generalisations(search, offset) == ("cable_torque",)  # whose stiffness has to be nothing for this
-    assert find_generalisations(search, number["coulomb_friction", 0]) == (
-        "asymmetric_coulomb_friction",
-        "friction_curve",
-    )
-
-
-@pytest.mark.slow
-def test_an_offset_is_named_with_the_friction_that_it_may_be():
-    diagnosis = explain_gap([record(Truth(offset=at(1, 0.3)))])
-    (finding,) = [f for f in diagnosis.findings if f.is_chosen]
-    assert finding.effect.id == "torque_offset" and finding.competing_effects == ("asymmetric_coulomb_friction",)
-    assert diagnosis.verdict == "ambiguous"
-    answer = choose_next_experiment(diagnosis, find_open_question(diagnosis))
-    # The friction contains the offset: motion can only make the larger model less probable, and no command is promised for that.
-    assert answer["name"] in (NONE, UNLIKELY) and "command" not in answer
-    assert answer["separates"] == ["torque_offset", "asymmetric_coulomb_friction"]
-
-
-def test_an_ambiguity_is_answered_with_a_command_and_its_probability(stuck, monkeypatch):
-    diagnosis, log = stuck
-    (finding,) = [f for f in diagnosis.findings if f.is_chosen]
-    # As if the recording had left it open whether it is viscous.
-    monkeypatch.setattr("sim2real.excitation.ambiguity.AMBIGUITY", replace(THRESHOLDS.ambiguity, near=np.inf))
-    open_ = replace(diagnosis, findings=(replace(finding, equivalent_to=("viscous_friction",)),))
-    question = find_open_question(open_)
-    answer = choose_next_experiment(open_, question)
-    forward = refit_in_simulation(open_, question[1].models[1:])
-    report = make_report(open_, [log], 0.0, Consequences(Patch(), experiment=answer, refit=forward))
-    page = render(report, open_)
-    assert [s["effects"] for s in report["forward"]["structures"]][:2] == [
-        ["coulomb_friction at panda_joint4"],
-        ["viscous_friction at panda_joint4"],
-    ]
-    assert "Second opinion" in page and "Rival" in page
-    assert answer["component"] == "panda_joint4"
-    assert answer["separates"][:2] == ["coulomb_friction", "viscous_friction"]
-    assert answer["probability"] > 0.9 and answer["expected_sigma"] > 3
-    assert f"--only {answer['name']}" in answer["command"] and f"--only {answer['name']}" in page
-    assert make_suite([answer["name"]])  # excite knows it
-
-
-def test_the_page_of_another_arm_has_the_catalogues_experiment(uneven):
-    diagnosis, log = uneven
-    another = SimpleNamespace(context=SimpleNamespace(arm=SimpleNamespace(joints=("waist",))))
-    answer = choose_next_experiment(another, (diagnosis.findings[0], None))
-    report = make_report(diagnosis, [log], 0.0, Consequences(Patch(), experiment=answer))
-    to_json(report)
-    assert f"<b>{answer['name']}</b>" in render(report, diagnosis)
-
-
-def test_without_an_ambiguity_there_is_no_experiment(loaded):
-    diagnosis, _ = loaded
-    (finding,) = [f for f in diagnosis.findings if f.is_chosen]
-    sure = replace(diagnosis, findings=(replace(finding, probability=1.0, equivalent_to=()),))
-    assert find_open_question(sure) is None and choose_next_experiment(sure, None) is None
