@@ -216,25 +216,31 @@ def test_the_object_stands_on_corners_and_edges_and_the_arm_touches_its_faces():
         np.testing.assert_allclose(outermost, BUMP.half_size, atol=1e-7)
 
 
-def test_friction_is_that_of_coulomb_in_every_direction():
-    found = np.array([bench.slide(MAKE, HARD.table, np.radians(h))["of_true"] for h in bench.HEADINGS])
+@pytest.fixture(scope="module")
+def answer():
+    """What the static bench gives."""
+    return bench.bench(MAKE, PhysxEngine, HARD.table)
+
+
+def test_friction_is_that_of_coulomb_in_every_direction(answer):
+    found = np.array([row["of_true"] for row in answer["slide"]])
     assert np.abs(found - 1).max() < 0.01
 
 
-def test_what_is_pulled_at_less_than_its_friction_stays():
-    assert abs(bench.creep(MAKE, HARD.table)["mm_per_s"]) < 0.01
+def test_what_is_pulled_at_less_than_its_friction_stays(answer):
+    assert abs(answer["creep"]["mm_per_s"]) < 0.01
 
 
-def test_nothing_sinks_in_and_a_card_comes_along():
+def test_nothing_sinks_in_and_a_card_comes_along(answer):
     """At the largest force too, at which the finger went through the card, and the bench, which asked for contacts, found none."""
-    for row in bench.press(MAKE)["rows"]:
+    for row in answer["press"]["rows"]:
         assert abs(row["finger_mm"]) < 0.05 and abs(row["table_mm"]) < 0.05
-    assert bench.drag(MAKE)["followed_mm"] > 0.98 * 30.0
+    assert answer["drag"]["followed_mm"] > 0.98 * 30.0
 
 
-def test_a_card_drawn_beside_its_middle_is_not_turned():
+def test_a_card_drawn_beside_its_middle_is_not_turned(answer):
     """With the box's face on the table as one patch it was, by 44 degrees."""
-    assert bench.drag_off_centre(MAKE)["turned_deg"] < 3.0
+    assert answer["drag_off_centre"]["turned_deg"] < 3.0
 
 
 @pytest.mark.parametrize("beyond", [-0.002, 0.001, 0.004, 0.012], ids=lambda d: f"{1e3 * d:g}mm")
@@ -251,17 +257,17 @@ def test_a_cube_whose_centre_is_beyond_the_bump_falls_off_it(beyond):
     assert fallen == pytest.approx(top if beyond > 0 else 0.0, abs=1e-3)
 
 
-def test_a_tall_box_tips_where_theory_says():
-    assert bench.tip_over(MAKE)["of_theory"] == pytest.approx(1.0, abs=0.02)
+def test_a_tall_box_tips_where_theory_says(answer):
+    assert answer["tip_over"]["of_theory"] == pytest.approx(1.0, abs=0.02)
 
 
-def test_a_box_drawn_along_a_wall_tips_where_theory_says():
-    assert bench.tip_off_wall(MAKE)["ahead_mm"] == pytest.approx(5.0, abs=0.6)
+def test_a_box_drawn_along_a_wall_tips_where_theory_says(answer):
+    assert answer["tip_off_wall"]["ahead_mm"] == pytest.approx(5.0, abs=0.6)
 
 
-def test_a_leaned_hand_that_draws_a_box_along_a_wall_stays_on_it(monkeypatch):
+def test_a_leaned_hand_that_draws_a_box_along_a_wall_stays_on_it(answer, monkeypatch):
     """Its contact comes and goes, in half of the steps, where the solver makes more passes than single precision bears."""
-    assert hand_bench.draw_along_wall(PhysxEngine, "both") < 0.1
+    assert answer["without_touch"]["both"] < 0.1
     monkeypatch.setattr("np_physx_bridge.scene.POSITION_ITERATIONS", 72)
     assert hand_bench.draw_along_wall(PhysxEngine, "both") > 0.3
 
@@ -476,9 +482,9 @@ def test_the_arm_draws_a_card_as_in_mujoco():
         assert card == pytest.approx(tip, abs=3e-3), make
 
 
-def test_the_published_figures_are_what_the_engine_gives():
+def test_the_published_figures_are_what_the_engine_gives(answer):
     published = json.loads((Path(__file__).parents[2] / "docs/results/static_bench.json").read_text())
-    found = bench.figures(bench.bench(MAKE, PhysxEngine, HARD.table))
+    found = bench.figures(answer)
     for question, value in published["figures"]["PhysX"].items():
         assert found[question] == pytest.approx(value, rel=1e-3, abs=1e-3), question
 

@@ -147,7 +147,6 @@ def show(keypoints, turns, is_mirrored):
 @pytest.mark.parametrize("name", PICTURES)
 def test_a_picture_that_is_rotated_or_mirrored_is_named(pushed, name):
     keypoints, tip = pushed
-    assert find_keypoint_fault(keypoints, CARD, tip) is None
     found = find_keypoint_fault(show(keypoints, *PICTURES[name]), CARD, tip)
     assert found.kind == "image" and name in found.sentence
 
@@ -161,6 +160,7 @@ def test_corners_in_another_order_are_named(pushed, name):
 
 def test_another_object_is_no_convention(pushed):
     keypoints, tip = pushed
+    assert find_keypoint_fault(keypoints, CARD, tip) is None
     assert find_keypoint_fault(keypoints, BUMP, tip) is None
 
 
