@@ -214,6 +214,20 @@ def test_what_an_episode_still_asks_for_after_a_reset_is_refused(start, state, p
     assert not np.any(torque)
 
 
+def test_the_plan_of_an_episode_that_begins_after_a_reset_in_an_approach_is_followed(start, state, probe):
+    """In lockstep phase pre has no tick: the tick before the new approach was of the approach that the reset ended."""
+    start()
+    for first, turn in ((TICK, 0.01), (3 * TICK, -0.01)):
+        goal = NOMINAL.ready + turn
+        state(first)
+        probe.publish("episode/tick", phase_message(PhaseState("approach"), first))
+        probe.publish("joint_trajectory", plan(first, [0.0, 0.05], goal), qos.EVENT)
+        answered(probe, first)
+        for stamp in range(first + PERIOD, first + TICK, PERIOD):
+            state(stamp)
+        np.testing.assert_array_equal(answered(probe, first + TICK - PERIOD)[0], goal)
+
+
 def test_a_refused_target_is_an_answer_that_changes_nothing(start, state, probe):
     start()
     state(TICK)

@@ -355,6 +355,27 @@ def test_after_an_episode_nothing_is_followed_until_the_next(end):
     following.trajectory(quintic(READY + 0.3, 1.0))
 
 
+def test_a_plan_that_comes_before_the_episode_has_taken_it_waits():
+    following = RealtimeCommandInput(controller := Controller())
+    answers(controller, 1)
+    following.enter("pre")
+    assert not following.trajectory(quintic(READY + 0.3, 1.0)) and following.has_plan
+    assert (answers(controller, 50, first=1)[-1].position == READY).all()
+    assert following.enter("approach") and not following.has_plan
+    assert (answers(controller, 50, first=51)[-1].position != READY).any()
+
+
+@pytest.mark.parametrize("refuse", [lambda f: f.enter("failed"), lambda f: f.begin(), lambda f: f.forget()])
+def test_a_plan_that_the_episode_does_not_take_is_not_followed(refuse):
+    following = RealtimeCommandInput(controller := Controller())
+    answers(controller, 1)
+    following.enter("pre")
+    following.trajectory(quintic(READY + 0.3, 1.0))
+    refuse(following)
+    assert not following.enter("pre") and not following.enter("approach")
+    assert (answers(controller, 50, first=1)[-1].position == READY).all()
+
+
 def test_an_arm_that_comes_back_in_the_middle_of_an_episode_is_not_moved():
     """A driver that was restarted: the policy goes on, but not for this arm."""
     following = RealtimeCommandInput(controller := Controller())

@@ -60,6 +60,16 @@ def test_the_first_command_asks_for_the_measured_posture(cycles):
     np.testing.assert_allclose(second.position, Q + 0.01)
 
 
+def test_in_phase_pre_it_stays_silent_until_the_episode_has_taken_the_plan(cycles):
+    cycles.onboard.phase("pre")
+    cycles.onboard.trajectory(goal(0.01))
+    assert cycles.run(3) == [None] * 3
+    cycles.onboard.phase("approach")
+    first, second = cycles.run(2)
+    np.testing.assert_array_equal(first.position, Q)
+    np.testing.assert_allclose(second.position, Q + 0.01)
+
+
 def test_a_target_takes_a_few_cycles_to_be_thought_of_and_then_the_first_is_where_the_arm_is(cycles):
     cycles.aim(Q + np.array([0, 0, 0, 0, 0, 0, 0.3]))
     answers = [answer for answer in cycles.run(40) if answer is not None]

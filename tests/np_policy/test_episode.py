@@ -60,6 +60,25 @@ def in_post(**options):
     return episode
 
 
+def test_no_episode_begins_with_the_goal_before_one_that_was_refused():
+    episode = make()
+    episode.goal(TICK, GOAL)
+    episode.refuse_goal("x 3.8 m")
+    with pytest.raises(InputRefusal, match="newest goal was refused, give another one: x 3.8 m"):
+        episode.start()
+    episode.goal(TICK, GOAL)  # the same again is a newer one
+    assert phases(episode.start()) == ["pre"]
+
+
+def test_keypoints_of_a_backend_that_was_restarted_count_though_its_first_goal_was_refused():
+    episode = in_post()  # keypoints of tick 6 were the newest
+    episode.refuse_goal("not finite")
+    episode.goal(2 * TICK, GOAL)
+    episode.start()
+    episode.keypoints(2 * TICK, keypoints())
+    assert episode.awaits == "joint_trajectory"
+
+
 def test_an_episode_from_start_to_success():
     episode = make(success_frames=3)
     (goal,) = episode.goal(TICK, GOAL)

@@ -22,13 +22,16 @@ class RealtimeCommandInput:
     """Leads one `Controller` by trajectories, by pairs of gains and pose, and by the phase of an episode.
 
     Once an episode has ended nothing is followed until the next one begins, or something else has a phase: a
-    plan that comes late was made for an arm that moves no more. Without any phase all is followed. phase: in
-    force, "" before the first. Time is that of the controller's states.
+    plan that comes late was made for an arm that moves no more. In phase pre a plan waits until the episode has taken it, which
+    phase approach says. Without any phase all is followed. phase: in force, "" before the first. Time is that of the controller's states.
     """
 
     def __init__(self, controller: Controller):
         self._controller = controller
         self._gains: np.ndarray | None = None
+        self._planned: tuple[Trajectory, int | None, np.ndarray | None] | None = (
+            None  # came in phase pre, with its gains
+        )
         self.phase = ""
         self._is_open = True
         self._is_new = False  # the arm's beginning, and no phase has been heard since
@@ -36,12 +39,14 @@ class RealtimeCommandInput:
         self._heard: int | None = None
         self._is_lost = False
 
-    def enter(self, phase: str) -> None:
-        """The phase in force from now on. A new episode begins with a hold; at the end of one the arm comes to
-        rest."""
+    def enter(self, phase: str) -> bool:
+        """The phase in force from now on. A new episode begins with a hold; at the end of one the arm comes to rest.
+
+        Returns whether a plan that came before is followed from now on. Raises Refusal where it begins elsewhere.
+        """
         self._heard = self._controller.stamp
         if phase == self.phase:
-            return
+            return False
         missed = self._is_new and phase in MOVING  # the start of this episode
         cut_off = phase == IDLE and self.phase in ACTIVE  # the owner was restarted
         self.phase, self._is_open, self._is_new = phase, not (missed or cut_off or phase in ENDS), False
@@ -49,6 +54,11 @@ class RealtimeCommandInput:
             self._controller.hold()
         elif phase in AT_REST:
             self._controller.stop()
+        planned, self._planned = self._planned, None
+        if planned is None or phase != APPROACH or not self._is_open:
+            return False
+        self._controller.follow(*planned)
+        return True
 
     def begin(self) -> None:
         """The arm is not where it was, as after a restart of what drives it: an episode under way moved another.
@@ -58,7 +68,7 @@ class RealtimeCommandInput:
         if self.phase in MOVING:
             self._is_open = False
         self._is_new = not self.phase
-        self._heard = None
+        self._heard = self._planned = None
 
     def heartbeat(self, phase: str) -> None:
         """The owner of the phase is alive; what is said of another phase than the one in force says nothing."""
@@ -100,21 +110,36 @@ class RealtimeCommandInput:
         if self._is_silent():
             raise self._silence()
 
-    def trajectory(self, trajectory: Trajectory | None, start: int | None = None) -> None:
+    def trajectory(self, trajectory: Trajectory | None, start: int | None = None) -> bool:
         """Follow a plan from the state of `start` ns on, or from now, with the gains that came since the last
-        pose or plan, or else the controller's own; None (no plan) changes nothing. Raises Refusal.
+        pose or plan, or else the controller's own; None (no plan) changes nothing. Returns whether it is followed: in phase pre it
+        waits. Raises Refusal.
         """
-        if trajectory is not None:
-            gains, self._gains = self._gains, None
-            if self.phase == EXCITE:  # sent by the owner, which may have thought about it for long
-                self.heartbeat(EXCITE)
-            self.check_open()
-            self._controller.follow(trajectory, start, gains)
+        if trajectory is None:
+            return False
+        gains, self._gains = self._gains, None
+        if self.phase == EXCITE:  # sent by the owner, which may have thought about it for long
+            self.heartbeat(EXCITE)
+        self.check_open()
+        if self.phase == PRE:
+            self._planned = trajectory, start, gains
+            return False
+        self._controller.follow(trajectory, start, gains)
+        return True
+
+    @property
+    def has_plan(self) -> bool:
+        """Whether a plan waits for phase approach."""
+        return self._planned is not None
 
     def gains(self, gains: np.ndarray | None) -> None:
         """Gains (2, 7), stiffness Nm/rad and damping ratio, for the pose or the plan that comes next; None drops
         them."""
         self._gains = gains
+
+    def forget(self) -> None:
+        """Drop gains and a plan that wait."""
+        self._gains = self._planned = None
 
     def pose(self, stamp: int, pose: tuple[np.ndarray, np.ndarray] | None) -> bool:
         """Move T_E to `pose`, position (3,) m and rotation (3, 3), with the gains that came since the last

@@ -34,7 +34,7 @@ class Onboard:
     def release(self) -> None:
         """Forget what was followed: the arm is being stopped, or was."""
         self._controller.release()
-        self._following.gains(None)
+        self._following.forget()
         self._thought: tuple[int, Generator[None, None, bool]] | None = None  # target that is being resolved
         self._is_engaged = False
         self._first: ControllerOutput | None = None
@@ -58,12 +58,11 @@ class Onboard:
         return self._controller.answer()
 
     def trajectory(self, trajectory: Trajectory | None) -> None:
-        """Follow a plan from now on; None changes nothing. Raises Refusal."""
+        """Follow a plan from now on, or in phase pre from phase approach on; None changes nothing. Raises Refusal."""
         if trajectory is not None:
             first = self._controller.answer()
-            self._following.trajectory(trajectory)
-            self._engage(first)
-            self._due = self._thought = None
+            if self._following.trajectory(trajectory):
+                self._begin_plan(first)
 
     def gains(self, gains: np.ndarray | None) -> None:
         """Gains (2, 7), stiffness Nm/rad and damping ratio, for the pose that comes next."""
@@ -106,14 +105,20 @@ class Onboard:
         return False
 
     def phase(self, phase: str) -> None:
-        """The phase of the episode: at its end the arm comes to rest and holds, and no target is due."""
-        self._following.enter(phase)
+        """The phase of the episode: at its end the arm comes to rest and holds, and no target is due. Raises Refusal for a plan that waited."""
+        first = self._controller.answer() if self._following.has_plan else None
+        if self._following.enter(phase):
+            self._begin_plan(first)
         if phase in AT_REST:
             self._due = self._thought = None
 
     def heartbeat(self, phase: str) -> None:
         """The owner of the phase still runs."""
         self._following.heartbeat(phase)
+
+    def _begin_plan(self, first: ControllerOutput) -> None:
+        self._engage(first)
+        self._due = self._thought = None
 
     def _engage(self, first: ControllerOutput) -> None:
         """The first command asks for the measured posture, whatever is followed then."""

@@ -98,6 +98,7 @@ class Episode:
         self._goal: Goal | None = None
         self._goal_pose: Pose | None = None
         self._goal_sent = 0
+        self._goal_refused = ""  # why the newest one was not taken
         self._goal_used = False
         self._fault = ""
         self._newest: tuple[int, np.ndarray | None] | None = None
@@ -126,6 +127,8 @@ class Episode:
             raise InputRefusal(f"an episode is under way, in phase {self.phase}")
         if self._fault:
             raise InputRefusal(f"the backend reports: {self._fault}")
+        if self._goal_refused:
+            raise InputRefusal(f"the newest goal was refused, give another one: {self._goal_refused}")
         self._forget()
         self.distance = self.angle = self.position_bound = self.angle_bound = float("nan")
         self.phase = PRE
@@ -154,13 +157,19 @@ class Episode:
         # Both: a backend that was restarted has earlier stamps, and another computer may have an earlier clock.
         if before and stamp <= before.stamp and sent < self._goal_sent:
             raise InputRefusal(f"a goal of {stamp} ns, sent before the one of {before.stamp} ns that is in force")
+        self._goal_refused = ""
         if before and not self._goal_used and stamp == before.stamp and (goal.keypoints == before.keypoints).all():
             return []  # said twice
-        if before and stamp <= before.stamp:  # a backend that was restarted: its time begins anew
+        # A backend that was restarted: its time begins anew. Its first goal may have been refused.
+        if (before and stamp <= before.stamp) or (self._newest and stamp < self._newest[0]):
             self._newest, self._last_tick = None, -1
         ended = self._fail("the task was reset") if self.is_active and self._begun else []
         self._goal, self._goal_pose, self._goal_sent, self._goal_used = goal, pose, sent, False
         return [*ended, goal, *self._decide()]
+
+    def refuse_goal(self, reason: str) -> None:
+        """A new task could not be read, or is none of the domain's: no episode begins with the one before it."""
+        self._goal_refused = reason
 
     def keypoints(self, stamp: int, keypoints: np.ndarray | None) -> list[Event]:
         """Keypoints (8, 3) of the image taken at stamp ns; None for a message that could not be read."""

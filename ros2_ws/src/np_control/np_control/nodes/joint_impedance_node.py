@@ -25,7 +25,7 @@ from np_control.safety import LIMITS, Refusal
 from np_control.trajectory import Trajectory
 from np_description.message_arrays import BadMessage, joint_state_arrays, stamp_nanoseconds
 from np_description.panda import JOINT_NAMES, STATE_NAMES
-from np_description.phases import FAULT, PhaseState
+from np_description.phases import APPROACH, FAULT, PRE, PhaseState
 from np_ros import qos
 from np_ros.low_latency.spin import request_realtime
 from np_ros.messages import JointStateWriter
@@ -157,6 +157,8 @@ class JointImpedance(Node):
         tick = self._gate.take(stamp)
         if tick is None:
             return
+        if tick.phase == APPROACH and tick.trajectory is not None:
+            self._following.enter(PRE)  # which has no tick of its own
         self._following.enter(tick.phase)
         if tick.trajectory is not None:
             trajectory, gains = tick.trajectory
@@ -222,7 +224,10 @@ class JointImpedance(Node):
         """
         self._is_fault = state.phase == FAULT
         if not self._waits:
-            self._following.enter(state.phase)
+            try:
+                self._following.enter(state.phase)
+            except Refusal as refusal:
+                self.refuse(refusal)
 
     # Diagnostics
 

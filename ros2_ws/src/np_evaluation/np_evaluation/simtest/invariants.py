@@ -107,7 +107,9 @@ class Invariants:
         if self._unowned * LIMITS.period_ns > REST and speed > LIMITS.rest_speed:
             self.violate("rest", f"{speed:.2f} rad/s {self._unowned * LIMITS.period} s after the end of episode")
         is_allowed = self.is_acknowledged and self._moves
-        if speed > LIMITS.rest_speed and is_left_alone and not is_allowed:
+        # A controller that reads a wrong angle pulls at the arm for as long as it does.
+        is_sensed = self._clock.now > self.sensor_bad_until
+        if speed > LIMITS.rest_speed and is_left_alone and is_sensed and not is_allowed:
             self.violate(
                 "motion", f"{speed:.2f} rad/s, goal acknowledged: {self.is_acknowledged}, started: {self._moves}"
             )

@@ -95,9 +95,12 @@ class Process:
         if self.is_alive and self._is_running:
             self.scheduler.after(_MS, self.stop)
         elif self.is_alive:
-            self._is_running = True
-            self.node.destroy_node()
-            self._end("")
+            self._is_running, why = True, ""
+            try:
+                self.node.destroy_node()
+            except SystemExit as ended:  # a recorder whose disk is full, at the end of its bag
+                why = f"status {ended}"
+            self._end(why)
 
     def call(self, service: str, request, answer: Callable[[object], None]) -> None:
         """Ask one of its services; `answer` is given the response, and nothing where the process dies before."""

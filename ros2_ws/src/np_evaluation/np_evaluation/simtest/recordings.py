@@ -30,11 +30,11 @@ class SentMessages:
 
     def __init__(self) -> None:
         self._messages: list[tuple[str, bytes]] = []
-        self.is_open = False
+        self._bag, self.is_open = "", False
 
-    def open(self) -> None:
+    def open(self, bag: str) -> None:
         """A bag has been opened."""
-        self._messages, self.is_open = [], True
+        self._messages, self._bag, self.is_open = [], bag, True
 
     def note(self, publisher: Publisher, data: bytes) -> None:
         """A message is on its way to everybody that the publisher has found."""
@@ -43,7 +43,10 @@ class SentMessages:
             self._messages.append((name, data))
 
     def missing(self, bag: str) -> str:
-        """The first message that a bag should have and has not, "" where it has all; of before its goal none is promised."""
+        """The first message that a bag should have and has not, "" where it has all, or where nobody heard of its beginning; of before its
+        goal none is promised."""
+        if bag != self._bag:
+            return ""
         with Recording(bag) as recording:
             kept = {(message.topic.name, message.data) for message in recording.messages()}
             begin = recording.start

@@ -78,7 +78,7 @@ class Run(SimulatedGraph):
         yield 0.6
         while True:
             if self.plan.is_recorded and (answer := (yield "recorder/start")) and answer.success:
-                self._sent.open()
+                self._sent.open(answer.message)
             if not ((answer := (yield "sim_bridge/reset")) and answer.success):
                 self.invariants.recover_asked += 1
                 yield "sim_bridge/recover"
@@ -87,10 +87,10 @@ class Run(SimulatedGraph):
             for _ in range(20):
                 if not self.invariants.is_acknowledged:
                     yield 0.1
+            began, said = self.seconds, len(self.invariants.phases)
             if not ((answer := (yield "episode/start")) and answer.success):
                 yield 0.3
                 continue
-            began, said = self.seconds, len(self.invariants.phases)
             while self.seconds < began + PATIENCE and self.node("episode") is not None:
                 yield 0.05
                 if any(state.phase in ENDS for state in self.invariants.phases[said:]):

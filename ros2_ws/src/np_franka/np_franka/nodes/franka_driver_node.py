@@ -162,7 +162,10 @@ class FrankaDriver(Node):
 
     def on_phase(self, state: PhaseState) -> None:
         """On board: the phase of the episode."""
-        self._driver.onboard.phase(state.phase)
+        try:
+            self._driver.onboard.phase(state.phase)
+        except Refusal as refusal:
+            self.refuse(refusal)
 
     def on_heartbeat(self, phase: str) -> None:
         """On board: the owner of the phase still runs."""

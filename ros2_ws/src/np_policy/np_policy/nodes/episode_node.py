@@ -116,12 +116,11 @@ class EpisodeNode(Node):
             check_goal(self._domain, pose)
             sent = self._sent_time.steady(info["source_timestamp"])
             events = self._episode.goal(stamp_nanoseconds(message.header.stamp), pose, sent)
-        except BadMessage as error:
-            return self.diagnostics.refuse(error.kind, error)
         except InputRefusal as error:
             return self.diagnostics.refuse("order", error)
         except ValueError as error:
-            self.diagnostics.refuse("range", error)
+            self._episode.refuse_goal(str(error))
+            self.diagnostics.refuse(error.kind if isinstance(error, BadMessage) else "range", error)
             self.diagnostics.values[REFUSED] = f"{goal_text(message)}: {error}"
             return self.diagnostics.publish()  # who gave it waits for this
         self._publish(events)

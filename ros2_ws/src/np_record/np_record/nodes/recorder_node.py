@@ -136,7 +136,7 @@ class Recorder(Node):
         """Take what was sent before now. In real time the arm goes on sending: that does not hold up the end."""
         asked, begun = time.time_ns(), time.monotonic()
         heard = begun
-        while min(time.monotonic() - heard - _QUIET, time.monotonic() - begun - _PATIENCE) < 0:
+        while max(time.monotonic() - heard - _QUIET, time.monotonic() - begun - _PATIENCE) < 0:
             for subscription in self._subscriptions_by_topic.values():
                 while (taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)) is not None:
                     subscription.callback(*taken)
