@@ -190,7 +190,8 @@ def test_a_fit_meets_least_squares_and_its_bounds(seed, width):
     rng = np.random.default_rng(seed)
     matrix, truth = rng.normal(size=(400, width)), rng.uniform(-1, 1, width)
     whole = np.column_stack([matrix, matrix @ truth + 0.01 * rng.normal(size=400)])
-    cell, ids = SimpleNamespace(ids=np.arange(width), joint=0), np.arange(width)
+    ids = np.arange(width)
+    cell = SimpleNamespace(ids=ids, joint=0, column_of=np.append(ids, -1))
 
     def solve(lower, upper):
         parameters = [Parameter("p", "1", lower, upper, 10.0)] * width

@@ -38,13 +38,10 @@ class HeldOutScore:
 
 def parameter_indices(cell: ResidualCell, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(columns of the cell, their places in ids) of those parameters that show in it."""
-    if not len(ids) or not len(cell.ids):
-        return np.zeros(0, int), np.zeros(0, int)
-    at = np.full(max(ids.max(), cell.ids.max()) + 1, -1)
-    at[ids] = np.arange(len(ids))
-    found = at[cell.ids]
-    columns = np.flatnonzero(found >= 0)
-    return columns, found[columns]
+    columns = cell.column_of.take(ids, mode="clip")
+    at = np.flatnonzero(columns >= 0)
+    at = at[columns[at].argsort()]
+    return columns[at], at
 
 
 def sub_gram(gram: np.ndarray, columns: np.ndarray) -> np.ndarray:

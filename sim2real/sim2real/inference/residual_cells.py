@@ -65,6 +65,13 @@ class ResidualCell:
         return f"{self.stage} at reversal" if self.at_reversal else str(self.stage)
 
     @cached_property
+    def column_of(self) -> np.ndarray:
+        """The column of each parameter by its number, -1 without one; the last stands for all that follow."""
+        columns = np.full(self.ids.max(initial=-1) + 2, -1)
+        columns[self.ids] = np.arange(len(self.ids))
+        return columns
+
+    @cached_property
     def total(self) -> np.ndarray:
         """Gram matrix (p + 1, p + 1) of all blocks."""
         return self.test.sum(axis=0)

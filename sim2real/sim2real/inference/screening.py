@@ -43,11 +43,13 @@ def likelihood_gains(
     stuck = ((values > upper - edge) & (pull > 0)) | ((values < lower + edge) & (pull < 0))
     used = np.flatnonzero(inside & ~stuck)
     taken = np.linalg.solve(normal[np.ix_(used, used)], normal[used])
-    gradient = slope - taken.T @ slope[used]
-    found = []
-    for c in design.candidates:
-        i = c.ids
-        left = normal[np.ix_(i, i)] - normal[np.ix_(used, i)].T @ taken[:, i]
+    gradient, coupled, diagonal = slope - taken.T @ slope[used], normal[used].T, np.diag(normal)
+    sizes, found = np.array([len(c.ids) for c in design.candidates]), np.empty(len(design.candidates))
+    for width in set(sizes.tolist()):  # all candidates of as many parameters at once
+        alike = np.flatnonzero(sizes == width)
+        i = np.array([design.candidates[n].ids for n in alike])
+        left = normal[i[:, :, None], i[:, None]] - np.matmul(coupled[i], taken.T[i].transpose(0, 2, 1))
+        left += 1e-9 * diagonal[i][:, :, None] * np.eye(width)
         pulled = gradient[i] + centre[i] / prior[i] ** 2
-        found.append(0.5 * gradient[i] @ np.linalg.solve(left + 1e-9 * np.diag(np.diag(normal)[i]), pulled))
-    return np.array(found)
+        found[alike] = 0.5 * (gradient[i] * np.linalg.solve(left, pulled[..., None])[..., 0]).sum(axis=-1)
+    return found
