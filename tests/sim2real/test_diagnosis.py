@@ -1,6 +1,7 @@
 """The doctor against arms of known and of unknown gap."""
 
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -380,3 +381,12 @@ def test_the_page_and_the_report_have_them(loaded):
     text = render(report, diagnosis)
     load = next(row for row in report["arm"] if row["quantity"] == "load")
     assert "This arm" in text and f"{1000 * load['value']:.0f} ({1000 * load['ci95'][0]:.0f}" in text
+
+
+def test_the_page_lists_joints_in_the_arms_order(loaded):
+    """Not by their names: the Panda's happen to be sorted, so that its joints are taken in reverse here."""
+    diagnosis, log = loaded
+    report = make_report(diagnosis, [log], 0.0, Consequences(Patch(), arm=tuple(estimate_arm_numbers(diagnosis))))
+    report["gap"]["by_component"] = dict(reversed(report["gap"]["by_component"].items()))
+    table = render(report, diagnosis).split("<h2>This arm</h2>")[1].split("<h2>")[0]
+    assert re.findall(r"<tr><td>(\w+)</td>", table) == list(reversed(NOMINAL.joints))
