@@ -33,7 +33,7 @@ $(if $(UNUSED),$(error $(UNUSED): `make $(or $(MAKECMDGOALS),help)` has no use f
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
 
-.PHONY: help setup demo test test-benchmark test-slow test-driver mutants driver-report hardware physx meshes foxglove lerobot cluster bench soak simtest fuzz blind blind-task evaluate table3 finetune train identify docs format lock clean distclean
+.PHONY: help setup demo test test-all test-benchmark test-slow test-physx test-driver mutants driver-report hardware physx meshes foxglove lerobot cluster bench soak simtest fuzz blind blind-task evaluate table3 finetune train identify docs format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -106,6 +106,15 @@ else
 	@$(ACTIVATE) exec tools/test.sh
 endif
 
+test-all: ## `make test`, then the tests of PhysX and of the driver on the wire, whose extras it installs
+	@$(MAKE) --no-print-directory test
+	@$(MAKE) --no-print-directory test-physx
+	@$(MAKE) --no-print-directory test-driver
+
+test-physx: physx ## the second engine and its backend
+	@$(ACTIVATE) tools/test.sh -n 2 --dist loadfile -m "not slow and not real_time" tests/np_physx_bridge tests/contract -k physx $(PYTEST_ARGS)
+	@$(ACTIVATE) exec tools/test.sh -m "real_time and not slow" tests/contract -k physx $(PYTEST_ARGS)
+
 test-benchmark: setup ## the tests of the benchmark (benchmark/tests)
 	@$(ACTIVATE) export OMP_NUM_THREADS=1 MUJOCO_GL=disable; exec python -m pytest -n 2 --dist loadfile benchmark/tests $(PYTEST_ARGS)
 
@@ -160,7 +169,7 @@ lerobot: setup .venv/.lerobot ## add what LeRobot data sets need: ros2 run np_re
 hardware: setup .venv/.hardware ## add what the driver of a real arm needs: docs/guide/hardware.md
 
 test-driver: hardware .venv-franka-sim/.installed ## the hardware driver against a simulated robot's network protocol
-	@$(ACTIVATE) exec python -m pytest tests/driver tests/camera tests/contract -k driver $(PYTEST_ARGS)
+	@$(ACTIVATE) exec tools/test.sh tests/driver tests/camera tests/contract -k driver $(PYTEST_ARGS)
 
 driver-report: hardware .venv-franka-sim/.installed ## measure the driver: faults, tracking, an approach; docs/results/driver.md
 	@$(ACTIVATE) exec python tests/driver/report.py $(ARGS)

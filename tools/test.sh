@@ -1,6 +1,7 @@
 #!/bin/bash
-# Every test that needs no GPU; `make test` sets up what it needs. Where CI is set, a test that fails, beside others on a busy machine, is
-# asked once more, alone, and named: one that fails then has failed. Only tests are: where pytest itself ends otherwise, the run has failed.
+# Every test that needs no GPU, or those that pytest's arguments choose; `make` sets up what they need. Where CI is set, a test that
+# fails, beside others on a busy machine, is asked once more, alone, and named: one that fails then has failed. Only tests are: where
+# pytest itself ends otherwise, the run has failed.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export OMP_NUM_THREADS=1 MUJOCO_GL=disable
@@ -19,6 +20,10 @@ part() {
     ((ended == 0)) || failed=1
 }
 
+if (($#)); then
+    part "$@"
+    exit $failed
+fi
 # Three files at a time, for graph tests mostly wait; of graphs in real time one, which has the machine to itself.
 # A file whose worker dies is run again by another worker at most twice.
 part -n 3 --max-worker-restart 2 --dist loadfile --no-loadscope-reorder -m "not slow and not real_time"
