@@ -32,7 +32,9 @@ ROWS = 9036
 def unpack(tmp_path):
     def unpacked(name: str) -> Path:
         with tarfile.open(INPUTS / f"{name}.tar.xz") as archive:
-            archive.extractall(tmp_path, filter="data")
+            archive.extractall(
+                tmp_path, **({"filter": "data"} if hasattr(tarfile, "data_filter") else {})
+            )  # Python 3.11.4 and later
         return tmp_path / name
 
     return unpacked
