@@ -30,7 +30,7 @@ class _Peer(Node):
         super().__init__("probe")
 
 
-class SimulatedGraph:
+class InProcessGraph:
     """Nodes of the graph, each a simulated process."""
 
     def __init__(self):
@@ -87,8 +87,10 @@ class SimulatedGraph:
     def frozen(self, name: str):
         """The node stands still inside, as after SIGSTOP."""
         self._processes[name].freeze()
-        yield
-        self._processes[name].thaw()
+        try:
+            yield
+        finally:
+            self._processes[name].thaw()
 
     def check(self) -> None:
         """Fail with the reason if a node has ended by itself."""
@@ -102,10 +104,10 @@ class SimulatedGraph:
         return answers
 
 
-class SimulatedProbe:
+class InProcessProbe:
     """A peer of the nodes; see np_ros.client.graph_client."""
 
-    def __init__(self, graph: SimulatedGraph):
+    def __init__(self, graph: InProcessGraph):
         self._graph = graph
         self._process = graph.process(NodeSpec("", "probe"), _Peer)
         self.node = self._process.node

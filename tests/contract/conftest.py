@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from backends import BACKENDS, Harness  # noqa: E402
 from graph_tools import Graph, Probe  # noqa: E402
-from simulated_tools import SimulatedGraph, SimulatedProbe  # noqa: E402
+from simulated_tools import InProcessGraph, InProcessProbe  # noqa: E402
 
 from np_evaluation.conformance.checks import ConformanceCheck  # noqa: E402
 
@@ -114,7 +114,7 @@ def simulated_start(request):
 
     def start(**parameters) -> Harness:
         name, mode = request.param
-        graph = SimulatedGraph()
-        return Harness(graph, SimulatedProbe(graph), BACKENDS[name], mode, **parameters)
+        graph = InProcessGraph()
+        return Harness(graph, InProcessProbe(graph), BACKENDS[name], mode, **parameters)
 
     return start

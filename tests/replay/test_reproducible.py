@@ -11,7 +11,7 @@ from geometry_msgs.msg import PoseStamped
 from graph_tools import card_specs, command, reset
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-from simulated_tools import SimulatedGraph, SimulatedProbe
+from simulated_tools import InProcessGraph, InProcessProbe
 
 from np_description.message_arrays import pose_arrays
 from np_description.panda import BASE_FRAME
@@ -54,8 +54,8 @@ def record(graph, probe, folder, weights, episodes):
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory, untrained):
     """Those of a run of two episodes on simulated processes."""
-    graph = SimulatedGraph()
-    return record(graph, SimulatedProbe(graph), tmp_path_factory.mktemp("run"), untrained, 2)
+    graph = InProcessGraph()
+    return record(graph, InProcessProbe(graph), tmp_path_factory.mktemp("run"), untrained, 2)
 
 
 def content(bag):
@@ -82,8 +82,8 @@ def test_the_seed_of_the_graph_draws_the_task(bags, seed):
     """The bridge of the card graph alone draws the recorded task from the recording's seed, and from no other."""
     with Recording(bags[0]) as recording:
         recorded = pose_arrays(next(recording.messages("goal_pose")).decode(), BASE_FRAME)
-    graph = SimulatedGraph()
-    probe = SimulatedProbe(graph)
+    graph = InProcessGraph()
+    probe = InProcessProbe(graph)
     goals = probe.collect("goal_pose", PoseStamped, qos.LATCHED)
     graph.start([spec for spec in card_specs(keypoints="truth", seed=str(seed)) if spec.name == "sim_bridge"])
     assert probe.call("sim_bridge/reset").success

@@ -29,9 +29,8 @@ class RealtimeCommandInput:
     def __init__(self, controller: Controller):
         self._controller = controller
         self._gains: np.ndarray | None = None
-        self._planned: tuple[Trajectory, int | None, np.ndarray | None] | None = (
-            None  # came in phase pre, with its gains
-        )
+        # A plan that came in phase pre, where it starts, and its gains.
+        self._planned: tuple[Trajectory, int | None, np.ndarray | None] | None = None
         self.phase = ""
         self._is_open = True
         self._is_new = False  # the arm's beginning, and no phase has been heard since

@@ -112,7 +112,7 @@ class Run(SimulatedGraph):
         # What is lost is counted; what a delay holds back is late, and a bag that the disk was too small for ends early.
         is_whole = not lost and not self._kinds & {"delay", "disk_full", "crash_recorder"}
         if is_whole and (missing := self._sent.missing(bag)):
-            self.invariants.violate("recording", f"{bag} lacks {missing}")
+            self.invariants.violate("recording", f"{Path(bag).name} lacks {missing}")
 
     def _check_bags(self) -> None:
         if not self._bags:
