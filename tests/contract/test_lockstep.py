@@ -47,6 +47,10 @@ def test_a_state_without_an_answer_is_repeated(simulated_start):
     harness.wait(lambda: harness.stamp > before, "the next state")
     assert harness.stamp == before + PERIOD
     assert not any(key.startswith("refused") for key in harness.status)
+    broken = stay(harness.states[-2])
+    broken.effort[3] = float("nan")
+    harness.send(broken)
+    harness.wait(lambda: harness.refused("not_finite") == 1, "a broken second answer to be counted")
 
 
 def test_policy_ticks_wait_for_tick_and_in_post_for_the_target(simulated_start):

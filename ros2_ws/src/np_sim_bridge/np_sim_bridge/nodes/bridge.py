@@ -23,6 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from np_control.controller import ControllerConfig
 from np_control.safety import Refusal, SafetyFilter, State
+from np_control.safety.refusals import check_finite
 from np_description.calibration import load_calibrated_camera
 from np_description.drawing.meshes import load_visual_model
 from np_description.engine import MakeEngine
@@ -141,9 +142,12 @@ class Bridge(Node):
     def _on_command(self, message: JointState) -> None:
         if (stamp := self._read(stamp_nanoseconds, message.header.stamp)) is None:
             return
-        if self._lockstep and stamp < self._simulation.stamp and stamp == self._answered:
-            return  # the second answer to a state that was published twice
+        # The second answer to a state that was published twice is not applied; a broken one is counted all the same.
+        is_second = self._lockstep and stamp < self._simulation.stamp and stamp == self._answered
         try:
+            if is_second:
+                check_finite(position=message.position, velocity=message.velocity, effort=message.effort)
+                return
             self._filter.offer(
                 stamp, message.name, message.position, message.velocity, message.effort, now=self._simulation.stamp
             )
