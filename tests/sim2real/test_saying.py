@@ -6,8 +6,10 @@ from types import SimpleNamespace
 import pytest
 from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.effect import Effect, EffectTarget, Quantity
+from sim2real.effects.joint_dynamics.friction_curve import SPEEDS, WAYS, value_name
 from sim2real.effects.sentences import ValueWithInterval, describe_effect, template_fields
 from sim2real.report.next_steps import suggest_next_steps
+from sim2real.report.plots import friction_plot
 from sim2real.report.sentence import sentence
 
 from np_description.panda import NOMINAL
@@ -92,6 +94,32 @@ def test_what_is_identified_is_said_with_what_it_removes():
         "The arm carries 0.350 kg (95 %: 0.345 to 0.355) that the simulator does not know; "
         "joint 4 has 0.80 Nm (0.79 to 0.81) more dry friction. Adding both removes 97 % of the gap (95 %: 96 to 98)."
     )
+
+
+def test_many_friction_curves_are_one_clause_with_one_number_a_joint():
+    def curve(joint, most):
+        return finding(
+            "friction_curve",
+            f"panda_joint{joint}",
+            {"positive_30": (0.9, -1, 3), "negative_300": (most, most, most)},
+        )
+
+    some = tuple(curve(joint, most) for joint, most in ((4, -0.28), (1, 0.262), (5, 0.19)))
+    assert sentence_of("identified", (some[0], PAYLOAD, *some[1:])) == (
+        "3 joints have other friction curves: they differ by up to 0.28 Nm at joint 4, 0.26 Nm at joint 1 and 0.19 Nm at joint 5; "
+        "the arm carries 0.350 kg (95 %: 0.345 to 0.355) that the simulator does not know. "
+        "Adding all 4 removes 97 % of the gap (95 %: 96 to 98)."
+    )
+    assert sentence_of("identified", some[:2]).count("has another friction curve: forwards") == 2
+
+
+def test_the_page_draws_friction_only_of_joints_with_a_curve_of_their_own():
+    names = [value_name(way, speed) for way in WAYS for speed in SPEEDS]
+    curve = finding("friction_curve", "panda_joint4", dict.fromkeys(names, (0.1, 0.0, 0.2)))
+    one = SimpleNamespace(context=SimpleNamespace(reference=0, arm=NOMINAL))
+    drawn = friction_plot(one, (FRICTION, curve))
+    assert "panda_joint4" in drawn and "panda_joint3" not in drawn
+    assert friction_plot(one, (FRICTION,)) == ""
 
 
 def test_without_a_gap_nothing_is_claimed():

@@ -26,5 +26,6 @@ def render(report: dict, diagnosis: Diagnosis, folder: Path = Path("runs/report"
         steps=suggest_next_steps(diagnosis, folder),
         gap_plot=plots.gap_plot(diagnosis),
         residual_plot=plots.residual_plot(diagnosis),
+        friction_plot=plots.friction_plot(diagnosis, added),
         velocity_plot=plots.velocity_plot(diagnosis),
     )

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from np_common.html_pages import style, svg
 from sim2real.diagnosis import Diagnosis
+from sim2real.effects.joint_dynamics.friction_curve import EFFECT as CURVE
+from sim2real.effects.joint_dynamics.friction_curve import SPEEDS, WAYS, value_name
 from sim2real.effects.stage import Stage
+from sim2real.finding import Finding
 from sim2real.recordings.signals import DECIMATION, GRID
 
 WIDTH = 9.6
@@ -20,7 +25,7 @@ PLACES = {
     "wspace": 0.38,
     "hspace": 0.45,
 }  # of panels, as shares
-BEFORE, AFTER, FLOOR = "#b0b7c3", "#1f5fa8", "#2f8f3a"
+BEFORE, AFTER, FLOOR, BACKWARDS = "#b0b7c3", "#1f5fa8", "#2f8f3a", "#c46a12"
 
 
 def gap_plot(diagnosis: Diagnosis) -> str:
@@ -42,6 +47,40 @@ def gap_plot(diagnosis: Diagnosis) -> str:
 
 def _baseline_label(diagnosis: Diagnosis) -> str:
     return "as it was before" if diagnosis.context.reference else "nominal simulator"
+
+
+def friction_plot(diagnosis: Diagnosis, findings: Sequence[Finding]) -> str:
+    """Friction over speed of the joints that have a curve of their own, with 95 % intervals; "" where none has."""
+    arm, curves = diagnosis.context.arm, {f.component: f.parameters for f in findings if f.effect.id == CURVE.id}
+    if not curves:
+        return ""
+    speeds = np.array(SPEEDS)
+    rows = -(-len(curves) // 4)
+    with style():
+        figure = Figure(figsize=(WIDTH, 0.5 + 1.9 * rows), layout="constrained")
+        panels = figure.subplots(rows, 4, sharex=True, squeeze=False).ravel()
+        for axes, joint in zip(panels, [name for name in arm.joints if name in curves]):
+            j = arm.joints.index(joint)
+            nominal = arm.frictionloss[j] + arm.damping[j] * speeds
+            axes.plot(speeds, nominal, color=BEFORE, label=_baseline_label(diagnosis))
+            for way, colour, text in zip(WAYS, (AFTER, BACKWARDS), ("forwards", "backwards")):
+                values = [curves[joint][value_name(way, speed)] for speed in SPEEDS]
+                value, low, high = (np.array([getattr(v, end) for v in values]) for end in ("value", "low", "high"))
+                spread = np.abs([value - low, high - value])
+                axes.errorbar(speeds, nominal + value, spread, color=colour, ms=3, marker="o", capsize=2, label=text)
+            axes.set_xscale("log")
+            axes.set_xticks((0.03, 0.1, 0.3, 0.8), ("0.03", "0.1", "0.3", "0.8"), minor=False)
+            axes.minorticks_off()
+            axes.set_title(joint, fontsize=8)
+            axes.set_ylim(bottom=0.0)
+        for axes in panels[len(curves) :]:
+            axes.axis("off")
+        for axes in panels[::4]:
+            axes.set_ylabel("friction (Nm)")
+        figure.supxlabel("speed (rad/s)", fontsize=8)
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, fontsize=8, loc="outside upper right", ncols=3, frameon=False)
+        return svg(figure)
 
 
 def residual_plot(diagnosis: Diagnosis) -> str:

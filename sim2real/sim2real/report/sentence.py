@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from sim2real.checks.shrinkage import Gap
 from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.effect import EffectTarget
+from sim2real.effects.joint_dynamics.friction_curve import EFFECT as CURVE
 from sim2real.effects.sentences import ValueWithInterval, describe_component, describe_effect
 from sim2real.finding import Finding
 
 _COUNT = {1: "it", 2: "both", 3: "all three"}
+_CURVES = 3  # friction curves from which on each has one number here; all their values are in the report
 
 
 def sentence(
@@ -35,7 +37,7 @@ def sentence(
     if verdict == "partly_explained":
         parts.append(_describe_partly_explained(sum(f.is_shown_to_help for f in found), left))
     if found:
-        text = "; ".join(_describe_finding(f, nominal) for f in found)
+        text = "; ".join(_describe_found(found, nominal))
         text = text.replace("(", "(95 %: ", 1)  # the other brackets are the same
         opening = {
             "unexplained": "What was found beside that: ",
@@ -46,6 +48,29 @@ def sentence(
         parts.append(_describe_shrinkage(gap, len(found)))
     parts += [_describe_doubt(f) for f in found if verdict == "ambiguous" and f.is_open]
     return " ".join(part[0].upper() + part[1:] for part in parts)
+
+
+def _describe_found(found: Sequence[Finding], nominal: str) -> Iterator[str]:
+    """Half a sentence for each finding; one for all friction curves where there are many."""
+    curves = [f for f in found if f.effect.id == CURVE.id]
+    if len(curves) < _CURVES:
+        curves = []
+    for finding in found:
+        if finding not in curves:
+            yield _describe_finding(finding, nominal)
+        elif finding is curves[0]:
+            yield _describe_curves(curves)
+
+
+def _describe_curves(curves: Sequence[Finding]) -> str:
+    most = [f"{_largest_sure(f):.2g} Nm at {describe_component(EffectTarget.JOINT, f.component)}" for f in curves]
+    return f"{len(curves)} joints have other friction curves: they differ by up to {_join(most)}"
+
+
+def _largest_sure(finding: Finding) -> float:
+    """Size of the largest value whose interval does not hold 0; of the largest at all where there is none."""
+    sure = [e for e in finding.parameters.values() if e.low * e.high > 0]
+    return max(abs(e.value) for e in sure or finding.parameters.values())
 
 
 def _describe_finding(finding: Finding, nominal: str) -> str:

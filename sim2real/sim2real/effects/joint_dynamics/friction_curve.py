@@ -24,7 +24,8 @@ MOST = 4.0  # Nm
 CREEPING = 0.02  # of a joint's friction: standard deviation of what any arm has below the first speed, where the curve is level
 
 
-def _name(way: str, speed: float) -> str:
+def value_name(way: str, speed: float) -> str:
+    """Of the quantity for one of `WAYS` and one of `SPEEDS`."""
     return f"{way}_{1e3 * speed:.0f}"  # mrad/s
 
 
@@ -59,7 +60,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
             "friction_curve",
             tuple(
                 Parameter(
-                    _name(way, v),
+                    value_name(way, v),
                     "Nm",
                     -level - slope * v,
                     MOST,
@@ -78,11 +79,11 @@ def _regressors(context: Context) -> list[EffectRegressor]:
 
 def _base(values: dict[str, float]) -> float:
     """Dry friction Nm of both directions near standstill, which a rigid-body simulator has a number for."""
-    return 0.5 * sum(values[_name(way, SPEEDS[0])] for way in WAYS)
+    return 0.5 * sum(values[value_name(way, SPEEDS[0])] for way in WAYS)
 
 
 def _curve_torque(values: HookContext) -> ResistanceFunction:
-    forward, backward = ([values(_name(way, v)) for v in SPEEDS] for way in WAYS)
+    forward, backward = ([values(value_name(way, v)) for v in SPEEDS] for way in WAYS)
     base = 0.5 * (forward[0] + backward[0])
 
     def curve(levels: list[np.ndarray], sections: list[np.ndarray]) -> np.ndarray:
@@ -100,7 +101,7 @@ def _curve_torque(values: HookContext) -> ResistanceFunction:
 EFFECT = Effect(
     "friction_curve",
     EffectTarget.JOINT,
-    tuple(Quantity(_name(way, v), "Nm", -20.0, 20.0) for way in WAYS for v in SPEEDS),
+    tuple(Quantity(value_name(way, v), "Nm", -20.0, 20.0) for way in WAYS for v in SPEEDS),
     _regressors,
     DetectionLimit("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
     modify_rigid_body=lambda panda, component, v: add_to_joints(panda, "frictionloss", component, _base(v)),
