@@ -68,7 +68,7 @@ def page(tmp_path_factory):
     """The address of a recorded episode."""
     bag = record_episode(tmp_path_factory.mktemp("view") / "bag")
     with serve(RecordedEpisode(str(bag)), "127.0.0.1", 0) as server:
-        yield f"http://127.0.0.1:{server.server_port}/"
+        yield server.address
         server.shutdown()
 
 
@@ -131,6 +131,19 @@ def test_a_port_in_use_is_named(page):
     port = int(page.split(":")[2].strip("/"))
     with pytest.raises(OSError, match=f"--port {port}, --host 127.0.0.1: expected a free address"):
         serve(None, "127.0.0.1", port)
+
+
+def test_others_on_the_network_need_the_address_that_was_printed(tmp_path):
+    bag = record_episode(tmp_path / "bag")
+    with serve(RecordedEpisode(str(bag)), "0.0.0.0", 0) as server:
+        root, secret = f"http://127.0.0.1:{server.server_port}", server.address.split("/")[3]
+        assert len(secret) >= 20
+        for path in ("/", "/scene.json", "/image.jpg?time=0", f"/{secret[:-1]}/", f"/{secret}"):
+            with pytest.raises(HTTPError, match="403"):
+                urlopen(root + path, timeout=TIMEOUT)
+        assert urlopen(f"{root}/{secret}/", timeout=TIMEOUT).read() == PAGE.read_bytes()
+        assert asked(f"{root}/{secret}/scene.json")["domain"] == "card"
+        server.shutdown()
 
 
 def test_the_page_needs_nothing_from_elsewhere():

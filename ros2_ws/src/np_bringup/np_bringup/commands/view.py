@@ -24,7 +24,11 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--shapes", action="store_true", help="the arm as the shapes that collide, also where `make meshes` was here"
     )
-    p.add_argument("--host", default="127.0.0.1", help="address to serve at; 0.0.0.0 lets everybody look; %(default)s")
+    p.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help="address to serve at; at 0.0.0.0 who has the printed address may look; %(default)s",
+    )
     p.add_argument("--port", type=int, help="0: any that is free; 8300, for Foxglove 8765")
     return p
 
@@ -121,7 +125,7 @@ def _foxglove(options: argparse.Namespace, domain: Task):
 
 
 def _tell(server) -> None:
-    print(f"http://{server.server_address[0]}:{server.server_port}/   Ctrl-C ends it", flush=True)
+    print(f"{server.address}   Ctrl-C ends it", flush=True)
 
 
 if __name__ == "__main__":

@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import json
+import secrets
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from urllib.parse import parse_qs, urlparse
 
 PAGE = files("np_bringup") / "data" / "view.html"
+LOOPBACK = ("127.0.0.1", "localhost")
 
 
 def serve(source, host: str, port: int) -> ThreadingHTTPServer:
     """A running server: / the page, /scene.json, /episode.json or /state.json of the source, /image.jpg?time=s.
 
-    port 0 takes a free one (`server_port`). End it with `shutdown`. Raises OSError where the port is taken.
+    port 0 takes a free one. At an address that others can reach all of it lies below a path that only `server.address`, the URL,
+    tells. End it with `shutdown`. Raises OSError where the port is taken.
     """
     page = PAGE.read_bytes()
+    secret = "" if host in LOOPBACK else f"/{secrets.token_urlsafe(16)}"
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self):  # noqa: N802  the name is http.server's
-            url = urlparse(self.path)
+            if not self.path.startswith(f"{secret}/"):
+                return self.send_error(403, "expected the whole address that view printed")
+            url = urlparse(self.path.removeprefix(secret))
             name = url.path.removeprefix("/").removesuffix(".json")
             if url.path == "/":
                 self._answer("text/html; charset=utf-8", page)
@@ -58,5 +64,6 @@ def serve(source, host: str, port: int) -> ThreadingHTTPServer:
             f"--port {port}, --host {host}: expected a free address of this machine: {error.strerror}"
         ) from None
     server.daemon_threads = True
+    server.address = f"http://{server.server_address[0]}:{server.server_port}{secret}/"
     threading.Thread(target=server.serve_forever, daemon=True).start()
     return server
