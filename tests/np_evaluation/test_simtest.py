@@ -3,6 +3,7 @@
 from contextlib import suppress
 from dataclasses import replace
 from threading import Thread
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,9 +13,12 @@ from std_msgs.msg import Float64
 from np_control.safety import LIMITS
 from np_evaluation.simtest.endpoints import Weather
 from np_evaluation.simtest.faults import InjectedFault
+from np_evaluation.simtest.fidelity import compare, difference
 from np_evaluation.simtest.network import Network
+from np_evaluation.simtest.over_dds import playable
 from np_evaluation.simtest.plan import Plan
 from np_evaluation.simtest.process import Process
+from np_evaluation.simtest.relay import Relay
 from np_evaluation.simtest.scheduler import SECOND, Disk, Locks, Scheduler, _TurnQueue, simulate_host
 from np_evaluation.simtest.shrink import play, shrink
 from np_ros import qos
@@ -208,3 +212,59 @@ def test_a_torque_beyond_the_limits_is_found(monkeypatch):
 def test_a_dozen_seeds_keep_what_is_promised():
     broken = {seed: report.violations for seed in range(12) if (report := play(Plan.of(seed))).violations}
     assert not broken
+
+
+def test_a_fault_that_needs_the_inside_of_a_process_is_left_out_over_dds():
+    jump, crash = InjectedFault("clock_jump", 0.8, "", 0.0, -4.0), InjectedFault("crash", 1.0, "episode", 0.3)
+    plan = playable(replace(Plan.of(0), is_recorded=True, faults=(jump, crash)))
+    assert plan.faults == (crash,) and not plan.is_recorded
+
+
+def test_a_difference_is_what_no_simulated_run_had_and_what_each_of_them_had():
+    real, simulated = {"faults": {"silence", "stop"}}, [{"faults": {"stop", "force"}}, {"faults": {"force", "reset"}}]
+    assert difference(real, simulated) == {"faults": {"only_over_dds": ["silence"], "only_in_process": ["force"]}}
+    assert difference(real, [*simulated, real]) == {}
+
+
+def test_what_a_node_counted_that_was_ended_is_not_known():
+    simulated = [{"refusals": {"episode: refused_order", "approach: refused_finite"}}]
+    found = difference({"refusals": set()}, simulated, unheard=["episode"])
+    assert found == {"refusals": {"only_over_dds": [], "only_in_process": ["approach: refused_finite"]}}
+
+
+class Wire(Node):
+    """In place of the peer of a relay: keeps what is published, and how to say something to the relay."""
+
+    def __init__(self):
+        self.published = []
+
+    def create_publisher(self, kind, topic, profile):
+        return SimpleNamespace(publish=self.published.append)
+
+    def create_subscription(self, kind, topic, callback, profile, raw):
+        self.say, self.topic = callback, topic
+
+
+def test_a_relay_sends_on_in_order_what_a_fault_holds_back_and_drops_what_it_loses():
+    network, wire = Network(Scheduler(0)), Wire()
+    Relay(wire, "joint_states", network, is_lockstep=False)
+    assert wire.topic == "joint_states_before_faults"
+    wire.say(b"1")
+    network.weather["/joint_states"] = Weather(delay=SECOND)
+    wire.say(b"2")
+    network.weather["/joint_states"] = Weather(loss=1.0)
+    wire.say(b"3")
+    network.weather.clear()
+    wire.say(b"4")
+    assert wire.published == [b"1"]
+    network.scheduler.run_until(3 * SECOND)
+    assert wire.published == [b"1", b"2", b"4"]
+
+
+@pytest.mark.slow
+def test_a_script_comes_to_the_same_over_dds():
+    faults = InjectedFault("nan", 0.65, "keypoints", 1.3), InjectedFault("request", 2.0, "sim_bridge/stop")
+    row, log = compare(replace(Plan.of(0), mode="lockstep", horizon=2.0, post_timeout=0.3, faults=faults))
+    assert not row["violations"] and "faults" not in row["differs"], log
+    assert "fault: stopped: stop requested" in row["phases"], log
+    assert any(key.endswith("refused_finite") for key in row["refusals"]), log

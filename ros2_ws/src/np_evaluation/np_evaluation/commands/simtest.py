@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import tempfile
 import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 from np_common.cli import INTERRUPTED, Parser, Progress, interrupt_on_sigterm
@@ -22,6 +22,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--seeds", type=int, default=20, help="how many runs; %(default)s")
     p.add_argument("--first", type=int, default=0, help="the first seed; %(default)s")
     p.add_argument("--one", type=int, help="only this seed, with its log; one that fails is made as short as it goes")
+    p.add_argument("--over-dds", action="store_true", help="play each also to processes over DDS, and compare")
     p.add_argument("--seconds", type=float, default=float("inf"), help="begin no run after so many s of wall time")
     p.add_argument("--out", type=Path, help="file for a line of JSON about each run")
     return p
@@ -32,6 +33,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     interrupt_on_sigterm()
     try:
+        if options.over_dds:
+            return _compare_all(options)
         return _run_one(options.one) if options.one is not None else _run_all(options)
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -40,25 +43,19 @@ def main(arguments: list[str] | None = None) -> int:
 def _run_all(options: argparse.Namespace) -> int:
     from np_evaluation.endurance.resources import measure_use
     from np_evaluation.simtest.plan import Plan
-    from np_evaluation.simtest.run import Run
+    from np_evaluation.simtest.shrink import play
 
-    began, reports, faults, memory = time.monotonic(), [], Counter(), []
-    progress = Progress(options.seeds, "simtest")
-    for number in range(options.seeds):
-        if time.monotonic() - began > options.seconds:
-            break
-        progress.show(number)
-        with tempfile.TemporaryDirectory() as folder:
-            report = Run(Plan.of(options.first + number), Path(folder)).play()
-        reports.append(report.figures())
+    began, faults, memory = time.monotonic(), Counter(), []
+
+    def run(seed: int) -> dict[str, object]:
+        report = play(Plan.of(seed))
         faults.update(fault.kind for fault in report.plan.faults)
         memory.append(measure_use("self").memory)
-        if options.out is not None:
-            with options.out.open("a") as file:
-                file.write(json.dumps(reports[-1]) + "\n")
         for kind, text in report.violations.items():
-            print(f"simtest: seed {report.plan.seed}: {kind}: {text}", file=sys.stderr)
-    progress.show(options.seeds)
+            print(f"simtest: seed {seed}: {kind}: {text}", file=sys.stderr)
+        return report.figures()
+
+    reports = _each_seed(options, run)
     processor = sum(report["processor_s"] for report in reports)
     result = {
         "runs": len(reports),
@@ -74,6 +71,49 @@ def _run_all(options: argparse.Namespace) -> int:
     }
     print(json.dumps(result))
     return 1 if result["failing_seeds"] else 0
+
+
+def _compare_all(options: argparse.Namespace) -> int:
+    from np_evaluation.simtest.fidelity import compare
+    from np_evaluation.simtest.plan import Plan
+
+    def run(seed: int) -> dict[str, object]:
+        row, log = compare(Plan.of(seed))
+        if options.one is not None:
+            print("\n".join(log))
+        return row
+
+    began, rows = time.monotonic(), _each_seed(options, run)
+    result = {
+        "scripts": len(rows),
+        "faults_played": sum(len(row["faults"]) for row in rows),
+        "faults_left_out": dict(sorted(Counter(kind for row in rows for kind in row["left_out"]).items())),
+        "same_as_drawn": sum(not row["differs_as_drawn"] for row in rows),
+        "same_at_other_times": sum(bool(row["differs_as_drawn"] and not row["differs"]) for row in rows),
+        "differing": {row["seed"]: row["differs"] for row in rows if row["differs"]},
+        "broken_over_dds": {row["seed"]: row["violations"] for row in rows if row["violations"]},
+        "revision": origin()["revision"],
+        "wall_s": round(time.monotonic() - began, 1),
+    }
+    print(json.dumps(result))
+    return 1 if result["broken_over_dds"] else 0
+
+
+def _each_seed(options: argparse.Namespace, run: Callable[[int], dict[str, object]]) -> list[dict[str, object]]:
+    """The rows that `run` gives for the seeds asked for, which also go to the file asked for."""
+    began, rows = time.monotonic(), []
+    seeds = range(options.first, options.first + options.seeds) if options.one is None else [options.one]
+    progress = Progress(len(seeds), "simtest")
+    for number, seed in enumerate(seeds):
+        if time.monotonic() - began > options.seconds:
+            break
+        progress.show(number)
+        rows.append(run(seed))
+        if options.out is not None:
+            with options.out.open("a") as file:
+                file.write(json.dumps(rows[-1]) + "\n")
+    progress.show(len(seeds))
+    return rows
 
 
 def _run_one(seed: int) -> int:

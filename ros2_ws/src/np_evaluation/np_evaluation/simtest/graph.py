@@ -33,7 +33,9 @@ class SimulatedGraph:
         self.plan, self._folder = plan, folder
         self.lines: list[str] = []
         self.scheduler = Scheduler(plan.seed)
-        self.network = Network(self.scheduler, reordered=self.scheduler.rng.choice((0.0, 0.01, 1.0)))
+        drawn = self.scheduler.rng.choice((0.0, 0.01, 1.0))
+        reordered = drawn if plan.reordered is None else plan.reordered
+        self.network = Network(self.scheduler, slowest=plan.slowest, reordered=reordered)
         self.locks, self.disk, self.disturbance = Locks(), Disk(), ArmDisturbance()
         self.processes: dict[str, Process] = {}
         self.refusals: dict[str, int] = {}

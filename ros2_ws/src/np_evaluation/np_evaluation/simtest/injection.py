@@ -23,11 +23,12 @@ class Injection:
 
     def __init__(self, run: SimulatedGraph):
         self._run = run
-        self.ends = max((fault.at + fault.seconds for fault in run.plan.faults), default=0.0)
-        """s at which the last one is over."""
+        self.ends = 0.0
+        """s at which the last one is over, from `schedule` on."""
 
     def schedule(self) -> None:
-        """Let each begin at its time."""
+        """Let each begin at its time from now on."""
+        self.ends = self._run.seconds + max((f.at + f.seconds for f in self._run.plan.faults), default=0.0)
         for fault in self._run.plan.faults:
             self._run.scheduler.after(round(fault.at * SECOND), lambda fault=fault: self._begin(fault))
 

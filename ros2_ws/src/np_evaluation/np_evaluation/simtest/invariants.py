@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -38,7 +39,7 @@ _STAMP_ONLY = {  # who looks at the stamp of a topic alone, and at the rest late
     *((name, "joint_states") for name in ("episode", "approach", "post_contact")),
     ("sim_bridge", "target_pose"),
 }
-_NEXT = {
+NEXT = {
     IDLE: {PRE, FAULT},
     PRE: {APPROACH, FAILED, FAULT},
     APPROACH: {POST, FAILED, FAULT},
@@ -59,6 +60,7 @@ class Invariants:
     def __init__(self, domain: Task, clock: Scheduler, node: Callable[[str], Node | None], log: Callable[[str], None]):
         self._domain, self._clock, self._node, self._log = domain, clock, node, log
         self.steps = self._unowned = 0  # in all; since `episode` has ended
+        self._stepped: deque[int] = deque(maxlen=1000)  # ns
         self.violations: dict[str, str] = {}
         self.phases: list[PhaseState] = []
         self.pushed_until = self.recover_asked = self.sight_bad_until = 0
@@ -85,13 +87,24 @@ class Invariants:
         self._torque, self._held_since = np.zeros(7), None
         self.is_acknowledged = self._moves = False
 
+    def count_step(self) -> None:
+        """One period of the arm."""
+        self.steps += 1
+        self._stepped.append(self._clock.now)
+
+    @property
+    def period(self) -> float:
+        """ms of the clock from one step of the arm to the next, the median of the last thousand; 2 in real time."""
+        return float(np.median(np.diff(self._stepped))) * 1e-6 if len(self._stepped) > 1 else 2.0
+
     def on_step(self, torque: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
         """One period: torque (7,) Nm that was applied, true joints (9,) rad, m and velocities (9,) after it."""
         if not np.isfinite(torque).all() or (np.abs(torque) > LIMITS.torque + 1e-9).any():
             self.violate("torque", f"applied {torque}")
         if (np.abs(torque - self._torque) > LIMITS.torque_step + 1e-9).any():
             self.violate("torque", f"torque changed by {np.abs(torque - self._torque).max():.3f} Nm in a period")
-        self._torque, self.steps = torque.copy(), self.steps + 1
+        self._torque = torque.copy()
+        self.count_step()
         if (bridge := self._node("sim_bridge")) is None:
             return
         is_left_alone = self._clock.now > self.pushed_until
@@ -158,7 +171,7 @@ class Invariants:
         is_first = getattr(publisher, "said", None) is None
         before = None if is_first else publisher.said
         publisher.said = state.phase
-        if state.phase not in ({IDLE} if is_first else _NEXT[before]):
+        if state.phase not in ({IDLE} if is_first else NEXT[before]):
             self.violate("phases", f"{before or 'the start of episode'} was followed by {state.phase}")
         if state.phase in ACTIVE:
             self._moves = True

@@ -27,6 +27,10 @@ class Plan:
     """s of phase post: short, so that a run sees several ends, or long enough for a success."""
     faults: tuple[InjectedFault, ...]
     """In the order of their time."""
+    slowest: float = 0.5
+    """ms that a message takes at most where nothing is wrong."""
+    reordered: float | None = None
+    """Share of the messages that may overtake those of other topics; None: as the seed draws it."""
 
     @classmethod
     def of(cls, seed: int) -> Plan:
@@ -52,6 +56,8 @@ class Report:
     """How often each node counted each reason."""
     simulated: float
     """s of the arm's time."""
+    period: float
+    """ms from one step of the arm to the next, by the clock of the run."""
     processor: float
     """s of processor time."""
     log: list[str]

@@ -14,7 +14,6 @@ from np_evaluation.simtest.plan import Plan, Report
 from np_evaluation.simtest.recordings import BENIGN, SentMessages, read_cut_off, replay
 from np_evaluation.simtest.scheduler import SECOND, simulate_host
 
-SETTLED = 25.0  # s after the last fault within which an episode must have run to its end: more than the lease of a killed process
 PATIENCE = 60.0  # s of an episode
 CLOSING = 2.0  # s in which a recorder closes its bag
 PLANNING = 50.0, 1500.0  # ms, in real time: in lockstep it takes no time
@@ -23,6 +22,9 @@ _STEP = SECOND // 20  # ns between two looks at whether the run is over
 
 class Run(SimulatedGraph):
     """Plays a plan."""
+
+    settled = 25.0
+    """s after the last fault within which an episode must have run to its end: more than the lease of a killed process."""
 
     def __init__(self, plan: Plan, folder: Path):
         super().__init__(plan, folder)
@@ -33,27 +35,51 @@ class Run(SimulatedGraph):
 
     def play(self) -> Report:
         """Run it to its end."""
-        began, simulated = time.process_time(), 0.0
+        began = time.process_time()
         with simulate_host(self.scheduler, self.locks, self.disk):
             self._listen()
-            late = {fault.target for fault in self.plan.faults if fault.kind == "late_start"}
-            for spec in self.specs():
-                if spec.name not in late:
-                    self.start(spec.name)
-            self._injection.schedule()
-            self._go_on(self._operate())
-            end = max(self.plan.horizon, self._injection.ends) + SETTLED
-            while self.seconds < end and not self._is_over():
-                self.scheduler.run_until(self.scheduler.now + _STEP)
-            if self._recovered is None and not self.invariants.violations:
-                self.invariants.violate("goes_on", f"no episode ended within {SETTLED:g} s after the last fault")
-            simulated = self.invariants.steps * 0.002
-            for name in self.processes:
-                self.end(name, killed=False)
+            self._start_first()
+            self._operate_under_faults()
+            self._end_all()
         self._check_bags()
-        phases = [str(state) for state in self.invariants.phases]
-        used = time.process_time() - began
-        return Report(self.plan, self.invariants.violations, phases, self.refusals, simulated, used, self.lines)
+        return self._report(time.process_time() - began)
+
+    def _start_first(self) -> None:
+        late = {fault.target for fault in self.plan.faults if fault.kind == "late_start"}
+        for spec in self.specs():
+            if spec.name not in late:
+                self.start(spec.name)
+
+    def _operate_under_faults(self) -> None:
+        self._injection.schedule()
+        self._go_on(self._operate())
+        end = max(self.plan.horizon, self._injection.ends) + self.settled
+        while self.seconds < end and not self._is_over():
+            self._pass_time()
+        if self._recovered is None and not self.invariants.violations:
+            self.invariants.violate("goes_on", f"no episode ended within {self.settled:g} s after the last fault")
+
+    def _pass_time(self) -> None:
+        self.scheduler.run_until(self.scheduler.now + _STEP)
+
+    def _end_all(self) -> None:
+        self._simulated = self.invariants.steps * 0.002
+        for name in self.processes:
+            self.end(name, killed=False)
+
+    def _report(self, processor: float) -> Report:
+        watch = self.invariants
+        phases = [str(state) for state in watch.phases]
+        return Report(
+            self.plan,
+            watch.violations,
+            phases,
+            self.refusals,
+            self._simulated,
+            watch.period,
+            processor,
+            self.lines,
+        )
 
     def _listen(self) -> None:
         watch, taps = self.invariants, self.network.taps
@@ -70,8 +96,12 @@ class Run(SimulatedGraph):
     def _on_phase(self, publisher, data: bytes) -> None:
         state = self.invariants.phases[-1]
         is_end = state.phase in ENDS and state.phase != FAULT
-        if self._recovered is None and is_end and self.seconds > self._injection.ends:
+        if self._recovered is None and is_end and self._is_quiet():
             self._recovered = self.seconds
+
+    def _is_quiet(self) -> bool:
+        """Whether the last fault is over."""
+        return self.seconds > self._injection.ends
 
     def _operate(self) -> Generator[float | str, object, None]:
         """Ask for one episode after the other; yields s to wait, or a service whose answer is wanted."""
