@@ -1,6 +1,6 @@
-"""From a patch to policies that know it, with tiny settings: it shows that the commands run, not that they learn.
+"""From a patch to policies trained with it, with tiny settings: it shows that the commands run, not that the policies improve.
 
-The patch says that the arm carries a load and that joint 4 has more dry friction. Options go to `finetune`."""
+In the patch the arm carries a load and joint 4 has more dry friction. Options go to `finetune`."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""A backend in real time that keeps the contract of docs/reference/graph.md: seven joints that know nothing of each other.
+"""A backend in real time that keeps the contract of docs/reference/graph.md: seven uncoupled joints.
 `YourArm` is where a robot of your own belongs; everything else stays. Run: python examples/08_minimal_backend.py"""
 
 import numpy as np

@@ -30,7 +30,7 @@ from np_training.physics.batched_kinematics import forward_kinematics, solve_ik
 from np_training.physics.config import physics_for
 from np_training.tasks.poses import Poses, sample_tasks
 
-# --- The task: what an episode is, what it sees and what it pays -------------------------------------------------------------
+# --- The task: episode, observation and reward --------------------------------------------------------------------------
 
 EPISODE = 100  # policy steps, 10 s
 STAGES, ADVANCE_AT = 10, 0.8  # the residual limits shrink in ten steps, each at a success of .8 (paper)
@@ -100,7 +100,7 @@ class PushWorlds:
         self.age[where], self.last_action[where] = 0, 0.0
 
     def observe(self) -> torch.Tensor:
-        """What the policy sees (worlds, 87): joints, hand, the card's corners from the hand and from the goal, last action, time."""
+        """The policy's observation (worlds, 87): joints, hand, the card's corners from the hand and from the goal, last action, time."""
         q, dq = self.physics.qpos[:, ARM], self.physics.qvel[:, :7]
         hand, _ = forward_kinematics(q)
         corners = self.corners(self.card)

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Can this checkout be set up where it is? One line that says why not, before minutes of installing. `make setup` calls this.
+# Checks whether this checkout can be set up where it is. If not, prints the reason, before minutes of installing. `make setup` calls this.
 root=$(cd "${1:-$(dirname "$0")/..}" && pwd) || exit 1
 case $root in
     *[[:space:]]*)

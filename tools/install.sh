@@ -25,7 +25,7 @@ fi
 echo "installing torch"
 .venv/bin/python tools/pip_progress.py 10 "${install[@]}" ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} "$(grep '^torch==' requirements.lock)"
 
-# Where a ROS 2 installation is sourced, its rclpy and messages are used; two of them in one process would not agree.
+# Where a ROS 2 installation is sourced, its rclpy and messages are used; two versions in one process would conflict.
 lock=requirements.lock
 if [ -n "${ROS_DISTRO:-}" ] && command -v ros2 > /dev/null; then
     [ "$ROS_DISTRO" = jazzy ] || { echo "expected ROS 2 jazzy, '$ROS_DISTRO' is sourced" >&2; exit 1; }

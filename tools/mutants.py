@@ -2,7 +2,7 @@
 
 A mutant is written into a temporary copy of its package, which goes before the original on the path; the checkout is never changed.
 Tests run in a fork of a process that has imported all but the project, up to the first that fails: those that execute the changed
-line, then all others that know its module.
+line, then all others that import its module.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ PUBLISHED = ROOT / "tools/mutants.json"
 LONGEST_TEST, LONGEST_MUTANT, LONGEST_WAIT = 8.0, 25.0, 600.0
 """Processor seconds of a test that is used and of all tests of one mutant, without a mutant; seconds that a mutant may wait for nothing."""
 NO_TESTS, UNUSED = 5, 71  # pytest's status; tests that have imported the original
-EXAMPLES = 30  # of a property that does not say how many
+EXAMPLES = 30  # of a property that does not set a number
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ def _measure(project: Project, tests: Sequence[Path], folder: Path) -> list[dict
 
 
 def _tests_of(mutant: Mutant, project: Project, baseline: dict) -> list[str]:
-    """Test functions that execute the mutant's lines, then all others that know its module; each time those of short files first."""
+    """Test functions that execute the mutant's lines, then all others that import its module; each time those of short files first."""
     dotted = _dotted(project.root / mutant.module)
     texts = {project.name(path): path.read_text() for path in project.tests}
     lines = range(mutant.line, mutant.last_line + 1)

@@ -1,5 +1,5 @@
-"""`pip_progress.py COUNT pip install ... [--and pip install ...]`: runs pip, or several beside one another, and says how far it is,
-with the time left; pip itself is silent for minutes.
+"""`pip_progress.py COUNT pip install ... [--and pip install ...]`: runs pip, or several in parallel, and prints its progress
+and the time left; pip itself prints nothing for minutes.
 
 A package is half done when pip has found it and done when it is unpacked. On a terminal one line is drawn over; elsewhere a line
 comes every tenth. Needs nothing but Python, for it runs before anything is installed. The exit status is that of the first pip
@@ -26,7 +26,7 @@ class Bar:
         self._told = -1
 
     def text(self, done: float, what: str, now: float) -> str:
-        """One line, or "" where there is nothing new to say."""
+        """One line, or "" where nothing is new."""
         share = min(1.0, done / self._total)
         tenth = int(10 * share)
         if not self._is_live and tenth == self._told:
@@ -42,7 +42,7 @@ def count_installed(folder: Path) -> int:
 
 
 def find_name(line: str) -> str:
-    """The package that a line of pip's says it has found, or ""."""
+    """The package that pip has found by a line of its output, or ""."""
     first, _, rest = line.strip().partition(" ")
     return rest.split()[0] if first == "Collecting" and rest else ""
 

@@ -1,8 +1,8 @@
-"""An effect of one's own: something pulls at the hand with the same force wherever it goes, a hose from the ceiling say.
+"""An effect of one's own: a constant force pulls at the hand wherever it goes, for example that of a hose from the ceiling.
 
     NP_EFFECTS_PATH=examples/effects ros2 run np_diagnosis diagnose runs/suite_000 --out runs/report
 
-This file is all that it takes: what a patch says, what the simulated arm feels, how it shows in a recording.
+This file is all that it takes: its values in a patch, its action on the simulated arm, its appearance in a recording.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ TEXTS = {
 Each joint follows two waves of 0.1 to 0.4 Hz with gains of 400 and 100 Nm/rad and damping ratio 1. The error is between a state's
 joint target and the joints at that state. A cycle lasts from one state to the next. "Lost" counts cycles that the driver missed,
 "no command" those in which the robot had none. The robot's longest cycle is the simulator's own delay.
-The simulated robot ignores an answer that arrives in the last 0.3 to 0.4 ms of a cycle. On board, where the whole law runs between a
-state and its answer, answers are often that late; the torque then holds for another millisecond.
+The simulated robot ignores a command that arrives in the last 0.3 to 0.4 ms of a cycle. On board, where the whole law runs between a
+state and its command, commands are often that late; the torque then holds for another millisecond.
 A real robot stops after 20 lost cycles in a row.
 """,
     "approach": """## The approach of a card episode
@@ -57,7 +57,7 @@ COLUMNS: dict[str, dict[str, str]] = {
         "stolen": "stolen",
         "seconds": "s",
         **CYCLES,
-        "commands_per_1000": "answers in 1,000",
+        "commands_per_1000": "commands in 1,000",
         "joint_rms_rad": "joints rms, rad",
         "joint_max_rad": "max, rad",
         "hand_rms_mm": "hand rms, mm",

@@ -1,4 +1,4 @@
-"""Pieces of a page: tables, numbers, the line that says what wrote it."""
+"""Pieces of a page: tables, numbers, the line that names its source."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ object. Frictions, stiffnesses and clearances are estimates with their source. A
 `make table3` plays all rows and compares them with the paper. Positions are of the object's middle in the base frame: x forwards,
 y to the robot's left, z up from the table. See also [your own object](../guide/your_own_object.md)."""
 
-LOOKS = """Each object consists of eight coloured blocks, one a corner. The released detectors tell corners apart by these colours, so a real object
+LOOKS = """Each object consists of eight coloured blocks, one a corner. The released detectors distinguish corners by these colours, so a real object
 must be painted or printed in them (`ros2 run np_perception object_sheet --domain card --out card.pdf` prints the faces to scale). An object in one
 colour is not found. An object with permuted colours is found with a wrong pose and high scores. Table, obstacles and light vary in training.
 RGB values are 0 to 255. Corners are named by their sign along the object's x, y and z. Printed colours before a real camera have not been tried."""
@@ -33,7 +33,7 @@ Evaluations count penetration of a soft face only beyond its travel.
 """
 
 SCENARIOS = """Each task has three fixed scenarios (`--scenario 1` of `evaluate`, `scenario:=1` of the launch file). The pictures show the start
-as the camera sees it and the goal as an outline. The paper prints no poses; these are ours. Starts scatter by 2 mm and 0.03 rad, determined by
+in the camera's view and the goal as an outline. The paper prints no poses; these are ours. Starts scatter by 2 mm and 0.03 rad, determined by
 seed and episode."""
 
 

@@ -1,4 +1,4 @@
-"""What the policy sees and gives, in LeRobot's terms."""
+"""The policy's observations and actions, in LeRobot's terms."""
 
 from dataclasses import dataclass, field
 

@@ -36,7 +36,7 @@ class NpPolicy(PreTrainedPolicy):
         return cls(config or NpConfig.from_pretrained(pretrained_name_or_path, **options)).eval()
 
     def reset(self) -> None:
-        """Forget the last episode."""
+        """Clear the state of the last episode."""
         self._policy.reset()
 
     @torch.no_grad()

@@ -39,7 +39,7 @@ class NpEpisode(Teleoperator):
 
     @property
     def is_connected(self) -> bool:
-        """Whether the controller has been heard."""
+        """Whether a message of the controller has arrived."""
         return self._listener is not None
 
     @property

@@ -12,7 +12,7 @@ from np_ros.client.graph_client import GraphClient
 
 
 class Listener:
-    """A node in the ROS domain of ROS_DOMAIN_ID; discovery stays on this machine unless the environment says otherwise."""
+    """A node in the ROS domain of ROS_DOMAIN_ID; discovery stays on this machine unless the environment sets otherwise."""
 
     def __init__(self, name: str, topics: dict[str, type], timeout: float) -> None:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -27,9 +27,9 @@ class Listener:
             self.client.node.create_subscription(message_type, topic, keep, profile)
 
     def start(self) -> None:
-        """Wait for the first message of each topic, then listen in a thread: what else waits is done before.
+        """Wait for the first message of each topic, then receive in a thread. Do all other waiting before this call.
 
-        Raises TimeoutError that names the topics that nobody publishes.
+        Raises TimeoutError that names the topics without a publisher.
         """
         self.client.wait_until(
             lambda: self._topics.keys() <= self._newest.keys(),

@@ -62,12 +62,12 @@ class NpFranka(Robot):
 
     @property
     def is_connected(self) -> bool:
-        """Whether every topic has been heard."""
+        """Whether a message has arrived on every topic."""
         return self._listener is not None
 
     @property
     def is_calibrated(self) -> bool:
-        """The arm knows its joints; the camera has `calibrate` of np_perception."""
+        """The arm's joints need none; the camera has `calibrate` of np_perception."""
         return True
 
     def calibrate(self) -> None:
@@ -77,7 +77,7 @@ class NpFranka(Robot):
         """Nothing to do."""
 
     def connect(self, calibrate: bool = True) -> None:
-        """Join the graph. Raises TimeoutError that names the topics that nobody publishes."""
+        """Join the graph. Raises TimeoutError that names the topics without a publisher."""
         if self.is_connected:
             raise DeviceAlreadyConnectedError(f"{self.name} is connected")
         topics = {"joint_states": JointState}

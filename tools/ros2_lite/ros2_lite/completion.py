@@ -1,6 +1,6 @@
 """What may come next on the command line, for the shell's Tab: commands, packages, executables, launch arguments, topics, services.
 
-`env.sh` tells bash (and zsh, through bashcompinit) to ask `ros2 --complete`; the words are in COMP_LINE and COMP_POINT, as bash has them.
+`env.sh` makes bash (and zsh, through bashcompinit) call `ros2 --complete`; bash passes the words in COMP_LINE and COMP_POINT.
 """
 
 from __future__ import annotations

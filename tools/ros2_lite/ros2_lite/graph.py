@@ -14,7 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 from ros2_lite import ending
 
 FIRST, SETTLED = 3.0, 1.0  # s without news after which a list is complete: before the first, after the last
-DISCOVERY = 15.0  # s that lists listen at most
+DISCOVERY = 15.0  # s, longest discovery of a list
 _LONGEST = 0.1  # s of waiting, which a signal does not cut short
 
 
@@ -38,7 +38,7 @@ def discover(node: Node, read: Callable[[], list], until: Callable[[list], bool]
     """What `read` finds in the graph, once it stands still, or once `until` holds.
 
     It stands still where nothing is new for `SETTLED` s, or from the beginning for `FIRST` s. Where neither comes within
-    `DISCOVERY` s a line on stderr says so.
+    `DISCOVERY` s it prints a line on stderr.
     """
     begun = time.monotonic()
     found, changed = read(), None
@@ -54,6 +54,6 @@ def discover(node: Node, read: Callable[[], list], until: Callable[[list], bool]
 
 
 def print_names(names_and_types: list[tuple[str, list[str]]], show_types: bool) -> None:
-    """A line a name, with its types if asked for."""
+    """A line a name, with its types if requested."""
     for name, types in sorted(names_and_types):
         print(f"{name} [{', '.join(types)}]" if show_types else name)

@@ -26,7 +26,7 @@ def real_ros2(path: str, own: Path) -> str | None:
 
 
 class CommandParser(argparse.ArgumentParser):
-    """Says what is wrong in one line, and of what is not here who has it."""
+    """Reports an error in one line; for an unknown command it refers to a full ROS 2."""
 
     def error(self, message: str) -> NoReturn:
         more = "; a whole ROS 2 has more" if "invalid choice" in message else ""
@@ -68,7 +68,7 @@ def parser() -> argparse.ArgumentParser:
     hz.add_argument("topic")
     hz.add_argument("--window", "-w", type=int, default=10000, help="messages the rate is computed over")
 
-    service = commands.add_parser("service", help="what can be asked").add_subparsers(dest="verb", required=True)
+    service = commands.add_parser("service", help="list and call services").add_subparsers(dest="verb", required=True)
     names = service.add_parser("list", help="names of the services")
     names.add_argument("-t", "--show-types", action="store_true")
     call = service.add_parser("call", help="call a service and print its response")
@@ -76,7 +76,7 @@ def parser() -> argparse.ArgumentParser:
     call.add_argument("type", help="for example std_srvs/srv/Trigger")
     call.add_argument("values", nargs="?", default="{}", help="fields of the request as YAML")
 
-    node = commands.add_parser("node", help="who is there").add_subparsers(dest="verb", required=True)
+    node = commands.add_parser("node", help="nodes of the graph").add_subparsers(dest="verb", required=True)
     node.add_parser("list", help="full names of the nodes")
 
     param = commands.add_parser("param", help="parameters of a node").add_subparsers(dest="verb", required=True)

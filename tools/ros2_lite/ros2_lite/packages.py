@@ -10,7 +10,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
 
 def prefix_of(package: str) -> Path:
-    """Where a package is installed. Raises LookupError that says where was looked."""
+    """Where a package is installed. Raises LookupError that names the places searched."""
     try:
         return Path(get_package_prefix(package))
     except (PackageNotFoundError, ValueError) as error:

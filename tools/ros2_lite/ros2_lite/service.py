@@ -20,7 +20,7 @@ def list_services(show_types: bool) -> int:
 
 
 def request(node: Node, kind: type, name: str, content: object) -> object:
-    """The response of a service, once it is there; says on stderr what it waits for."""
+    """The response of a service, once it is there; prints on stderr what it waits for."""
     from np_ros.client.services import Services
 
     def wait(condition: Callable[[], object], timeout: float, what: str) -> None:

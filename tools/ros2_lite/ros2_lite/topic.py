@@ -26,7 +26,7 @@ def list_topics(show_types: bool) -> int:
 
 
 def _wait_for_topic(node: Node, topic: str) -> tuple[str, type]:
-    """Full name and message class of a topic, once it is published; says on stderr that it waits."""
+    """Full name and message class of a topic, once it is published; prints on stderr that it waits."""
     name, told = node.resolve_topic_name(topic), False
     while not node.count_publishers(name):
         if not told:
