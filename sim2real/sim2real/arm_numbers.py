@@ -1,7 +1,7 @@
 """The arm's own numbers: load, level of the base and joint friction with their intervals, whether the diagnosis names them or not.
 
-Each is estimated beside all that the diagnosis has found. So it says what an owner asks even of an arm without a gap: whether the load
-that the arm was told is true, and whether its base is level.
+Each is estimated beside all that the diagnosis has found. So it also serves for an arm without a gap: it shows whether the load
+set in the controller is true, and whether the base is level.
 """
 
 from __future__ import annotations

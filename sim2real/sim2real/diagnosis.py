@@ -36,7 +36,7 @@ VERDICT = THRESHOLDS.verdict
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What the recordings say about the arm."""
+    """What the recordings show of the arm."""
 
     verdict: str
     """"no_gap", "identified", "ambiguous" (another effect may be the cause), "partly_explained" (effects are shown to help on

@@ -27,7 +27,7 @@ class Finding:
     shrink: float
     """Fraction by which the effect alone shrinks the held-out gap of the joints that it acts on."""
     equivalent_to: tuple[str, ...]
-    """Ids of effects that these recordings cannot tell from it."""
+    """Ids of effects that these recordings cannot distinguish from it."""
     is_chosen: bool
     """Whether the chosen model holds it."""
     energy: float

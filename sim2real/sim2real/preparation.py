@@ -15,7 +15,7 @@ from sim2real.recordings.speed_lag import correct_speed
 def convert_to_torques(logs: Sequence[Log], arm: Arm, effort: str | None = None, reference: int = 0) -> list[Log]:
     """Logs whose efforts are joint torques, each checked for units, signs and the order of joints.
 
-    Motor currents (effort "current", or as the file says) become torques by constants that are estimated from the first
+    Motor currents (effort "current", or so marked in the file) become torques by constants that are estimated from the first
     `reference` logs (0: from all). Raises ContractViolation for an implausible log, ValueError where currents do not
     determine the constants.
     """

@@ -20,7 +20,7 @@ StageCallback = Callable[[str], None]
 
 
 def ignore_stage(stage: str) -> None:
-    """Tells nobody."""
+    """Does nothing."""
 
 
 class StageProgress:

@@ -6,8 +6,8 @@ compensation with, and what is left of it is a gap. Its inertia about a joint is
 that no weight loads as well.
 
 Thirty-odd numbers of all links give a joint torques that are much alike, so that a few of their principal components
-(Karhunen and Loeve) say as much: the columns that a fit needs. They are those of states about the arm's resting posture,
-the same for every motion of an arm: what one recording says of them is known of the next, also where it is only planned.
+(Karhunen and Loeve) hold the same information: the columns that a fit needs. They are those of states about the arm's resting posture,
+the same for every motion of an arm: estimates from one recording hold for the next, also where it is only planned.
 """
 
 from __future__ import annotations

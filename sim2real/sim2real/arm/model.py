@@ -1,4 +1,4 @@
-"""The nominal arm as the doctor sees it: a tree of hinges, taken from any MuJoCo model (from a file: `arm.files`)."""
+"""The nominal arm of the diagnosis: a tree of hinges, taken from any MuJoCo model (from a file: `arm.files`)."""
 
 from __future__ import annotations
 

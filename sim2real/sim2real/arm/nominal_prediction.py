@@ -1,4 +1,4 @@
-"""What a recording says at each stage between target and motion, and where the nominal simulator disagrees.
+"""What a recording shows at each stage between target and motion, and where the nominal simulator differs.
 
 r0: commanded torque minus the controller's law replayed; r1: measured minus commanded torque; both at the rate
 of the recording. r2: torque minus inverse dynamics of the nominal arm, at 25 Hz through one filter; the torque is
@@ -29,7 +29,7 @@ ENDLESS = 1e6  # Nm
 
 
 def is_sliding(samples: Samples, joint: int) -> np.ndarray:
-    """Rows (n,) of the samples whose whole filter window saw the joint slide in one direction."""
+    """Rows (n,) of the samples in whose whole filter window the joint slides in one direction."""
     slowest, fastest = (samples.filter_extreme(joint, extreme) for extreme in (np.min, np.max))
     return (slowest > ROWS.standstill) | (fastest < -ROWS.standstill)
 
@@ -138,7 +138,7 @@ def _estimate_delay(d: Drive, rows: np.ndarray) -> float:
 
 
 def _find_clipped(log: Log, arm: Arm, selected: np.ndarray, period: float) -> np.ndarray:
-    """Commands (m, k) bool that lie where the controller's own guards allow no more: what the law wanted is not in them.
+    """Commands (m, k) bool that lie where the controller's own guards allow no more: they do not contain the law's own output.
 
     Judged by the recorded command, not by the law replayed, which may have other gains than the controller. Guards of
     another arm are not known: none of its commands counts as guarded.

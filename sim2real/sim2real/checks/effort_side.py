@@ -62,7 +62,7 @@ def is_after_gear(logs: Sequence[Log], arm: Arm, commanded: bool = False) -> boo
 def convert_to_drive_side(logs: Sequence[Log], arm: Arm, side: str | None) -> tuple[list[Log], Arm]:
     """(logs, arm) that go with each other: what the drives give, and the arm that they move.
 
-    side: DRIVE, SENSOR, or None to ask the recording. Where commands are what a sensor after the gear shows as well (a drive
+    side: DRIVE, SENSOR, or None to infer it from the recording. Where commands are what a sensor after the gear shows as well (a drive
     that closes its loop about that sensor), nothing of joint friction is left in either, and the arm is the rigid body. Where
     the commands are the drives', the measured torque gets the nominal friction and rotor of its joints back.
     """

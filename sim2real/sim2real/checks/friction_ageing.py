@@ -1,6 +1,6 @@
 """Whether the friction of a joint depends on how long the joint has been at rest.
 
-A joint at rest says nothing of its friction, but the first moments of the motion after it do. The catalogue has no
+A joint at rest does not show its friction, but the first moments of the motion after it do. The catalogue has no
 friction that ages at rest (rising static friction: Armstrong-Helouvry et al., Automatica 1994). Where what is left at
 reversals follows the time at rest, the catalogue has no explanation.
 """

@@ -77,7 +77,7 @@ def _is_radian(slope: float) -> bool:
 
 
 def _check_speed(log: Log, arm: Arm, samples: Samples, rows: np.ndarray) -> None:
-    """A joint beyond its speed moves in degrees, if the torques say so: an arm that swings is too fast, and no
+    """A joint beyond its speed moves in degrees, if the torques show it: an arm that swings is too fast, and no
     violation."""
     for j, joint in enumerate(arm.joints):
         fastest, limit = (

@@ -47,7 +47,7 @@ def measure_repeatability(samples: Samples, residual: np.ndarray) -> tuple[np.nd
         moving = np.abs(samples.velocity[rows]).max(axis=1) > FLOOR.near_velocity
         differences.append(np.where((same & moving)[:, None], residual[rows] - residual[nearest], np.nan))
     difference = np.concatenate(differences)
-    # A joint that stands tells nothing of how well its motion repeats.
+    # A joint at rest does not show how well its motion repeats.
     difference[np.abs(samples.velocity) < FLOOR.near_velocity] = np.nan
     is_measured = np.isfinite(difference).sum(axis=0) >= FLOOR.pairs
     floor = samples.noise.copy()

@@ -2,14 +2,14 @@
 
 A fault that the catalogue lacks often resembles one that it has: a torque scale that fades, a rotor on a spring, a
 stiffness that begins at some angle. The nearest effect of the catalogue then explains most of it, and what it leaves,
-however small beside it, follows a pattern. A question is a set of columns, and its answer is how well they predict
-blocks that their fit has not seen (as in `omnibus`):
+however small beside it, follows a pattern. A question is a set of columns, and its result is how well they predict
+blocks outside their fit (as in `omnibus`):
 
 - size: what each effect does, times time and its square, at every stage. An effect of the catalogue has one size.
-  Where a thermal drift is in the model, this is asked of r1 only;
+  Where a thermal drift is in the model, this is tested on r1 only;
 - place: the same times the joint's angle, its square, and the joint's speed;
 - memory: the joint's acceleration up to a third of a second ago, on which the torque of rigid links does not depend
-  (not asked of a joint with backlash, whose gear lets go of its link);
+  (not tested on a joint with backlash, whose gear lets go of its link);
 - any: the flexible model of the omnibus test, with the bounds of this module;
 - twist: the joint's angle, the load, and the directions of both. The twist of a gear follows the load alone.
 
@@ -36,7 +36,7 @@ from sim2real.thresholds import THRESHOLDS
 CONSTANCY = THRESHOLDS.constancy
 
 DRIFT = "thermal_drift"  # the one effect whose size may change with time
-PLAY = "backlash"  # the one by which torque remembers an acceleration
+PLAY = "backlash"  # the one by which torque depends on a past acceleration
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def find_patterns(search: ModelSearch, members: tuple[int, ...], lack_of_fit: It
 
 
 def measure_misfits(search: ModelSearch, members: tuple[int, ...]) -> Iterator[Misfit]:
-    """The answers of every stage of every joint with enough rows to every question."""
+    """The results of every question, for every stage of every joint with enough rows."""
     design = search.design
     fits = fits_by_joint(search, members)
     for cell in design.cells:
@@ -203,7 +203,7 @@ def normalise_time(context: Context, cell: ResidualCell) -> np.ndarray:
 
 def _feigned(context: Context, joint: int) -> float:
     """Mean square Nm^2 of the noise of a measured acceleration, which is in the residual as well: the accelerations before it
-    tell it from motion. As in `omnibus`, known of recordings without commands."""
+    distinguish it from motion. As in `omnibus`, known of recordings without commands."""
     if context.drive is not None:
         return 0.0
     inertia = drive_inertia(context.arm, np.median(context.samples.position, axis=0))[joint]

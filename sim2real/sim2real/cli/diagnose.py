@@ -95,7 +95,7 @@ def _load_all(paths: Sequence[Path], arm: Arm) -> list[Log]:
 
 
 def _apply_constants(options: argparse.Namespace, logs: list[Log]) -> list[Log]:
-    """Logs marked as motor currents where the options say so, as torques where they give the constants. Raises ValueError."""
+    """Logs marked as motor currents where the options state it, as torques where they give the constants. Raises ValueError."""
     from sim2real.recordings.motor_current import apply_torque_constants, mark_as_current
 
     if not options.torque_per_ampere:

@@ -54,7 +54,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point. Status 2: a recording, a calibration or an arm report that breaks its contract."""
     options = parse(arguments)
-    # Slow to import, and not wanted by --help.
+    # Slow to import, and not needed by --help.
     from sim2real import single_thread  # noqa: F401, I001  before NumPy
     from np_common.cli import Progress
     from np_description.calibration import CalibrationError, load_calibrated_camera

@@ -1,6 +1,6 @@
 """What reality may have that its nominal simulator has not: one file an effect, with everything that it is.
 
-An `effect.Effect` says what a patch may give for it, how the simulated arm, camera or scene changes by it, and how it shows
+An `effect.Effect` defines what a patch may give for it, how the simulated arm, camera or scene changes by it, and how it shows
 in a recording. Simulators, training, the diagnosis and the blind test all take it from here.
 """
 

@@ -80,7 +80,7 @@ class ArmEffects:
         return torque if self._gravity_error is None else torque + self._gravity_error(q)
 
     def sense(self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What the sensors say of joint angle, speed and torque."""
+        """What the sensors measure of joint angle, speed and torque."""
         for stage in self._sense:
             q, dq, torque = stage(q, dq, torque)
         return q, dq, torque

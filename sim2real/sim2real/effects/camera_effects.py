@@ -22,10 +22,10 @@ CornersAt = Callable[[np.ndarray], np.ndarray]
 
 
 class CameraEffects:
-    """The view of a simulated camera that is believed to be `camera`.
+    """The view of a simulated camera whose nominal model is `camera`.
 
-    seed: of what is random; with an image's stamp it names the draw. Images are asked for in the order of their stamps; the
-    newest may be asked for again, and an earlier one begins a new recording.
+    seed: of what is random; with an image's stamp it determines the draw. Request images in the order of their stamps. The
+    newest may be requested again; an earlier one begins a new recording.
     """
 
     def __init__(self, patch: Patch, camera: Camera = CAMERA, seed: int = 0):

@@ -18,7 +18,7 @@ def catalogue() -> dict[str, dict]:
 
 @cache
 def equivalence_classes() -> tuple[tuple[frozenset[str], str], ...]:
-    """Ids that one data set may not tell apart, and the experiment that splits them."""
+    """Ids that one data set may not distinguish, and the experiment that does."""
     return tuple((frozenset(entry["members"]), entry["split_by"]) for entry in _data()["equivalence_classes"])
 
 

@@ -1,4 +1,4 @@
-"""One effect: what a patch may say of it, what it changes in a simulator, and how it shows in a recording."""
+"""One effect: what a patch may contain of it, what it changes in a simulator, and how it shows in a recording."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ class Effect:
     """What earlier recordings of the same arm already show of it."""
 
     camera_pose: Callable[[Camera, QuantityValues], Camera] | None = None
-    """(camera that is believed, quantities) -> true camera."""
+    """(nominal camera, quantities) -> true camera."""
     image_age: Callable[[QuantityValues, float], float] | None = None
     """(quantities, stamp s) -> s by which the scene in an image is older than its stamp."""
     readout_time: Callable[[QuantityValues], float] | None = None
@@ -147,7 +147,7 @@ class Effect:
     modify_scene: Callable[[SceneChange, QuantityValues], SceneChange] | None = None
     """(scene without it, quantities) -> scene with it."""
     in_training: bool = True
-    """Whether training, whose tasks are drawn where the domain says, has this effect of the scene too."""
+    """Whether training, whose tasks are drawn by the domain, has this effect of the scene too."""
 
     @property
     def module(self) -> str:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # effects are loaded by simulators too, which have no use for
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Commands and their answers, one row a control period; torques (n, k) Nm without gravity."""
+    """Commands and the measured responses, one row a control period; torques (n, k) Nm without gravity."""
 
     time: np.ndarray
     """(n,) s within its trajectory."""
@@ -102,7 +102,7 @@ class Context:
     rigid: SampledDynamics
     """Rigid-body dynamics at the samples."""
     drive: Drive | None
-    """Commands and answers; None without commands."""
+    """Commands and responses; None without commands."""
     transmission: Transmission | None
     """None without motor angles."""
     ripples: Mapping[int, tuple[int, ...]]
@@ -124,7 +124,7 @@ class Context:
     """(n, k) Nm per relative error of a motor's torque constant, where the recording itself determined the constants; None
     where torque was measured."""
     laid_aside: tuple[tuple[int, float, float], ...] = ()
-    """Windows (trajectory, begin s, end s) that neither a fit nor the choice of effects sees."""
+    """Windows (trajectory, begin s, end s) that neither a fit nor the choice of effects uses."""
 
     def window_of(self, trajectory: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Number (n,) of the window laid aside that each row lies in, by its recording and time s; -1 where in none."""

@@ -1,6 +1,6 @@
 """Limits of a drive act on all that it gives, the gravity that it compensates included; in some on the command alone.
 
-Which of the two is asked of the recording, joint by joint, before the limit is: whatever is limited, one of the readings
+The recording decides which of the two, joint by joint, before the limit is fitted: whatever is limited, one of the readings
 leaves less of what was measured at every level.
 """
 
@@ -16,7 +16,7 @@ from sim2real.effects.evidence import Context, Drive
 from sim2real.effects.regressor import EffectRegressor
 
 GRAVITY_APART = Quantity("gravity_apart", "1", 0.0, 1.0)  # 1: the limit is of the command, without gravity
-LEVELS = tuple(0.95 * 0.88**n for n in range(8))  # of the largest asked for
+LEVELS = tuple(0.95 * 0.88**n for n in range(8))  # of the largest command
 OFTEN = 99.8  # per cent of the periods in which a drive at its limit gives no more
 REACHED = (0.97, 1.0)  # of the largest given: a drive at its limit is there again and again
 ACTS = 0.05  # of the squares between command and measurement that a limit must explain for its reading to matter
@@ -24,7 +24,7 @@ STEPS = (0.06, 0.03, 0.015, 0.008, 0.004)  # of a limit, by which it is looked f
 FINE = (*STEPS, 0.002, 0.001, 5e-4, 2e-4, 1e-4)  # likewise, where what the limit takes is taken out
 ALWAYS = 0.5  # of the squares in the rows in which a limit acts that one which was there leaves at most
 LimitFunction = Callable[[Drive, np.ndarray, float, np.ndarray], np.ndarray]
-"""What a limit leaves of torques (n,) Nm asked for, of which (n,) Nm were measured."""
+"""What a limit leaves of commanded torques (n,) Nm, of which (n,) Nm were measured."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class DriveLimit:
     """(limit, joint, whether gravity is apart) -> regressor."""
 
     def regressors(self, context: Context) -> list[EffectRegressor]:
-        """Every level of each joint, in the reading that its drive is asked for."""
+        """Every level of each joint, in the reading that its drive receives."""
         if context.drive is None:
             return []
         found, later = [], context.is_later(context.drive.trajectory)
@@ -73,8 +73,8 @@ def limit_column(d: Drive, joint: int, limit_torque: LimitFunction, limit: float
 
 
 def candidate_levels(commanded: np.ndarray, measured: np.ndarray) -> list[float]:
-    """Limits to try: shares of the largest that was asked for (n,), and about the largest that was given (m,) again and again.
-    A loop around a low limit swings, and asks for many times what it is given."""
+    """Limits to try: shares of the largest commanded torque (n,), and about the largest measured torque (m,) that is reached again and again.
+    A loop around a low limit oscillates, and commands many times what it gets."""
     often = float(np.percentile(np.abs(measured), OFTEN))
     return [*(level * float(np.abs(commanded).max()) for level in LEVELS), *(share * often for share in REACHED)]
 
@@ -82,7 +82,7 @@ def candidate_levels(commanded: np.ndarray, measured: np.ndarray) -> list[float]
 def excludes_gravity(d: Drive, joint: int, limit_torque: LimitFunction, levels: dict[bool, Sequence[float]]) -> bool:
     """Whether gravity apart is the reading under which the best limit leaves less of what was measured.
 
-    levels: where to begin, by reading. Between two of them the limit is looked for: how near one happens to be says nothing.
+    levels: where to begin, by reading. Between two of them the limit is looked for: how near one lies by chance is no evidence.
     """
     left = _make_squares_left(d, joint, limit_torque)
     best = _best_levels(left, levels)
@@ -97,13 +97,13 @@ def find_reference_limit(
 ) -> tuple[float, bool] | None:
     """The limit that a joint's drive had, and whether it is of the command without gravity; None where nothing was limited.
 
-    Whether it was there is asked of the rows in which the limit would act, which may be few: in those it must leave
+    Whether it was there is tested on the rows in which the limit would act, which may be few: in those it must leave
     less than half of the squares that there are. levels: where to begin, by reading.
     """
     left = _make_squares_left(d, joint, limit_torque)
     best = _best_levels(left, levels)
     if min(best.values())[0] >= left(np.inf, False):
-        return None  # a limit above the one that is there would say a part of it
+        return None  # a limit above the true one would explain a part of it
     (_, limit), gravity_apart = min(
         (_refine_limit(left, found, gravity_apart, FINE), gravity_apart) for gravity_apart, found in best.items()
     )

@@ -44,7 +44,7 @@ class PatchEffect:
 
     @property
     def values(self) -> dict[str, float]:
-        """Every quantity of the effect by name, 0 where the patch does not say."""
+        """Every quantity of the effect by name, 0 where the patch does not contain it."""
         return {quantity.name: self.get(quantity.name) for quantity in self.definition.quantities}
 
 
@@ -71,7 +71,7 @@ class Patch:
         return Patch(tuple(e for e in self.effects if e.effect in SCENE_EFFECTS))
 
     def scene_change(self) -> SceneChange:
-        """What the scene of a simulator is, other than it is believed to be."""
+        """The change of a simulator's scene against the nominal one."""
         change = SceneChange()
         for e in self.scene.effects:
             change = e.definition.modify_scene(change, e.values)
@@ -100,7 +100,7 @@ class Patch:
         )
 
     def list_clipped_parameters(self, nominal: PandaModel = NOMINAL) -> list[str]:
-        """Where the patch asks for less than is physical: a line for each, with effects, joint, and what is in force."""
+        """Where the patch requests less than is physical: a line for each, with effects, joint, and what is in force."""
         requested, effective = self._requested(nominal), self.panda(nominal)
         lines = []
         for name, unit in (("frictionloss", "Nm"), ("damping", "Nm s/rad"), ("armature", "kg m^2")):

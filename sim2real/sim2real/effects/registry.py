@@ -28,7 +28,7 @@ def find_effects(targets: tuple[str, ...], modules: tuple[str, ...] = (), folder
     """The project's own effects of these targets by id, then those in `folders` (paths with ":" between).
 
     modules: where they lie; none: in modules with the targets' names. Raises ImportError for a file that holds no effect, or
-    another one than its name and place say.
+    not the one of its name and folder.
     """
     found, modules = {}, modules or tuple(map(str, targets))
     for place, module, effect in (*_load_own_effects(modules), *_load_user_effects(folders)):
@@ -85,7 +85,7 @@ except ImportError as error:
     if not os.environ.get(FOLDERS):
         raise
     raise SystemExit(str(error)) from None  # the user's setting, not a fault of this code: one line in every command
-"""Effects of the arm that the simulators or the diagnosis know, by id."""
+"""Effects of the arm that the simulators or the diagnosis contain, by id."""
 
 CAMERA_EFFECTS = find_effects(CAMERA_TARGETS)
 """Effects of camera and keypoints that a simulated camera carries, by id."""

@@ -15,7 +15,7 @@ import numpy as np
 from sim2real.effects.evidence import Context
 from sim2real.effects.stage import Stage
 
-MODEL_ERROR = 0.015  # share to which two discretisations of the same law agree: learnt on development cases
+MODEL_ERROR = 0.015  # relative difference of two discretisations of the same law, from development cases
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ WHOLE = Parameter("share", "1", 0.7, 1.3, 0.02, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class NonlinearParameter:
-    """A parameter that the columns are not linear in; the search knows a grid of it, and it is refined afterwards."""
+    """A parameter that the columns are not linear in; the search uses a grid of it, and it is refined afterwards."""
 
     name: str
     """Name of the quantity."""
@@ -89,7 +89,7 @@ class EffectRegressor:
     source: str
     """Where the law is from."""
     variant: str = ""
-    """What tells it from other regressors of this id, in words."""
+    """What distinguishes it from other regressors of this id, in words."""
     nonlinear: NonlinearParameter | None = None
     """The parameter in which the columns are not linear."""
     is_arm: bool = False
@@ -109,7 +109,7 @@ class EffectRegressor:
 
     @property
     def key(self) -> str:
-        """Name that tells variants apart."""
+        """Name that distinguishes variants."""
         return f"{self.id}[{self.variant}]" if self.variant else self.id
 
 

@@ -10,14 +10,14 @@ from string import Formatter
 from sim2real.effects.effect import ARM, ARM_TARGETS, Effect, EffectTarget
 
 _SCALES = {"%": 100.0, "ppm": 1e6, "ms": 1e3, "mm": 1e3, "mrad": 1e3, "mrad/Nm": 1e3, "deg": degrees(1.0)}
-"""Units that a phrase may ask for in place of the quantity's own, by what they are of it."""
+"""Units that a phrase may use in place of the quantity's own, with their scale."""
 
 
 @dataclass(frozen=True)
 class ValueWithInterval:
     """A number that was found, with its 95 % interval, in the quantity's own unit.
 
-    In a phrase "{level:Nm more/less}" asks for it in Nm, and for the word that its sign means; "{share:%}" in per cent. Within a unit
+    In a phrase "{level:Nm more/less}" gives it in Nm, with the word for its sign; "{share:%}" gives per cent. Within a unit
     or a word an underscore stands for a blank.
     """
 
@@ -55,7 +55,7 @@ def describe_effect(effect: Effect, component: str, values: Mapping[str, ValueWi
 
 
 def template_fields(phrase: str) -> set[str]:
-    """The names that a phrase asks for."""
+    """The names of the fields of a phrase."""
     return {name for _, name, _, _ in Formatter().parse(phrase) if name}
 
 

@@ -68,7 +68,7 @@ def find_ambiguity(
     design, joints = search.design, search.design.context.arm.joints
     place = design.candidates[member].component(joints)
     remaining = tuple(m for m in chosen.members if m != member)
-    inside = find_generalisations(search, member)  # no experiment can tell them from the member
+    inside = find_generalisations(search, member)  # no experiment can distinguish them from the member
     near = [
         (n,)
         for n in search.rank_candidates(search.model(remaining), THRESHOLDS.search.tried)

@@ -1,6 +1,6 @@
 """The next experiment: which motion would split what a recording leaves open, and how probably.
 
-For an ambiguity there are the chosen model and its rivals. An experiment's planned motion (`forecast`) says
+For an ambiguity there are the chosen model and its rivals. An experiment's planned motion (`forecast`) gives
 what each would predict there, with the uncertainty of its parameters after what has been recorded, and the noise
 found. So the log Bayes factor that the experiment would give can be drawn in advance, with the one model true
 or the other (expected information of a linear Gaussian design: Chaloner and Verdinelli, Stat. Sci. 1995).
@@ -54,14 +54,14 @@ LARGEST_LOG_ODDS = 30.0  # nats, beyond which odds are certainty
 
 @dataclass(frozen=True)
 class ExperimentPower:
-    """What an experiment is expected to say."""
+    """The expected evidence of an experiment."""
 
     name: str
     """Name of the experiment."""
     duration: float
     """s."""
     probability: float
-    """That the true model leads all that it can be told from by `POWER.decisive` nats in the end."""
+    """That the true model leads all that it can be distinguished from by `POWER.decisive` nats in the end."""
     nats: float
     """Expected log Bayes factor against the nearest of them."""
 
@@ -85,7 +85,7 @@ def candidate_experiments(joints: Sequence[int]) -> tuple[str, ...]:
 def predict_powers(
     search: ModelSearch, open_question: Ambiguity, names: Sequence[str], seed: int = 0
 ) -> list[list[ExperimentPower]]:
-    """For each rival, what each experiment is expected to say of it against the chosen model."""
+    """For each rival, the expected evidence of each experiment between it and the chosen model."""
     design, models = search.design, open_question.models
     here = [
         m
@@ -119,9 +119,9 @@ def predict_powers(
 def choose_next_experiment(
     diagnosis: Diagnosis, question: tuple[Finding, Ambiguity] | None, seed: int = 0
 ) -> dict | None:
-    """What would settle a question, as the report says it; None where there is none.
+    """What would settle a question, as in the report; None where nothing would.
 
-    For another arm than the Panda, whose excitation this package does not plan: what the catalogue says.
+    For another arm than the Panda, whose excitation this package does not plan: the catalogue's text.
     """
     if question is None:
         return None

@@ -154,7 +154,7 @@ def _nudge(joint: int) -> _Experiment:
     return _Experiment(READY, *visits([_only(joint, np.radians(5.0))], 3.0, 1.0))
 
 
-# Not part of the suite: each but the nudges asks one question for longer, where the suite left it open (sim2real.excitation.power).
+# Not part of the suite: each but the nudges tests one question for longer, where the suite left it open (sim2real.excitation.power).
 _FURTHER: dict[str, Callable[[], _Experiment]] = {
     "long_reference": lambda: _Experiment(READY, 20.0, _multisine(20.0, 0.24, 5)),
     "long_second": lambda: _Experiment(SECOND, 20.0, _multisine(20.0, 0.22, 6)),

@@ -1,1 +1,1 @@
-"""From residuals to a model: cells, fits, the search, and how sure its answer is."""
+"""From residuals to a model: cells, fits, the search, and how sure its result is."""

@@ -128,7 +128,7 @@ class BlockArrowSolution:
 class BlockArrowInverse:
     """m inverses of arrows: of each block alone (m, k, k), what ties it to the border (m, k, s), the border's (m, s, s).
 
-    An arrow's inverse is full, but what is between two blocks is most of it and seldom asked for.
+    An arrow's inverse is full, but the part between two blocks is most of it and seldom needed.
     """
 
     shape: BlockArrowStructure

@@ -124,7 +124,7 @@ def _quiet(twist: np.ndarray) -> np.ndarray:
 
 
 def _projected(samples: Samples, trajectory: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """values (m, k) at the samples (n, k); NaN where the filter saw a NaN."""
+    """values (m, k) at the samples (n, k); NaN where the filter's window has a NaN."""
     is_known = np.isfinite(values)
     projector = samples.projector(trajectory, time)
     found = projector @ np.where(is_known, values, 0.0)

@@ -174,7 +174,7 @@ def _settle(design: RegressionProblem, cells: list[ResidualCell], ids: np.ndarra
     best, best_cells = effect, cells
     level = _likelihood(cells, ids, design)
     if effect.nonlinear.linear:
-        trail: list[tuple[float, float]] = []  # log of shape and of the share that the data want of it
+        trail: list[tuple[float, float]] = []  # log of shape and of the share of it that fits the data best
         for _ in range(ROUNDS):
             share = _value(best_cells, ids, design, candidate)
             if not ESTIMATES.shares[0] < share < ESTIMATES.shares[1] or abs(share - 1) < SETTLED_SHARE:
@@ -230,7 +230,7 @@ def _widen_beside_curve(
 ) -> np.ndarray:
     """Half widths (p,) that do not depend on the rows about reversals, where no curve of speed holds.
 
-    Only these rows tell a constant torque from friction that differs by direction: without them its interval is as wide as both
+    Only these rows distinguish a constant torque from friction that differs by direction: without them its interval is as wide as both
     allow.
     """
     without = _whole([c for c in cells if not c.at_reversal], ids, design)

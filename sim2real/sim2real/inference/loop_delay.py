@@ -1,6 +1,6 @@
 """The delay of the loop, estimated from the recording before the search: one number for all joints.
 
-Every loop is late by some tenths of a millisecond. Commanded and measured torque tell the delay of each joint to some
+Every loop is late by some tenths of a millisecond. Commanded and measured torque determine the delay of each joint to some
 hundredths of a millisecond, and the median over the joints is not moved by one drive that lags. A delay up to what any
 loop has is no gap, and every model may use it; what is beyond is left to the effects.
 """
@@ -22,7 +22,7 @@ DELAY = THRESHOLDS.loop_delay
 # The spread over the joints: drives hardly differ; motion differs by what the noise of the velocity feigns, which is
 # in the command through the damping gain and in the acceleration.
 SPREAD = {"command_delay": DELAY.command_spread, "motion_delay": DELAY.motion_spread}
-BESIDE = ("packet_loss", "torque_scale", "torque_offset")  # effects that a delay is told from
+BESIDE = ("packet_loss", "torque_scale", "torque_offset")  # effects that a delay is distinguished from
 
 
 def estimate_loop_delay(design: RegressionProblem) -> RegressionProblem:

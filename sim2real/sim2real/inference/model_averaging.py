@@ -1,4 +1,4 @@
-"""Intervals that know of rival models: what the other probable models say of a parameter.
+"""Intervals that include rival models: the estimates of a parameter by the other probable models.
 
 Bayesian model averaging with the weights of `ranking` (pseudo-BMA+), over all groups of effects that were scored and
 hold the effect: with and without other effects, and with other nonlinear parameters.

@@ -1,4 +1,4 @@
-"""How small a residual may be before it says nothing: what no simulator gets right, and no patch would mend."""
+"""The size below which a residual is no evidence: errors that every simulator has and no patch would correct."""
 
 from __future__ import annotations
 

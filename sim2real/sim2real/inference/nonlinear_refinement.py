@@ -1,6 +1,6 @@
-"""Nonlinear parameters (shapes) of the chosen effects are estimated before the answer, and the search is repeated.
+"""Nonlinear parameters (shapes) of the chosen effects are estimated before the result, and the search is repeated.
 
-The competition knows a shape (a stroke, a lag, a speed) on a grid only. Between two values of the grid the nearest one
+The search has a shape (a stroke, a lag, a speed) on a grid only. Between two values of the grid the nearest one
 leaves a residual of its own, and a second effect that takes it up predicts better although nothing is there. So the
 shapes of the chosen effects are settled by likelihood, all models are scored again with them, and members that are
 then not needed are removed.
@@ -21,7 +21,7 @@ RESCORED = 200.0  # nats behind the best within which models are scored again wi
 def refine_nonlinear_parameters(search: ModelSearch, chosen: ScoredModel) -> tuple[ModelSearch, ScoredModel]:
     """A search with the chosen model's shapes at their greatest likelihood, and the model that it chooses.
 
-    Shapes are settled one after the other, that of the effect which says most alone first, each in a model with those
+    Shapes are settled one after the other, that of the effect which explains most alone first, each in a model with those
     before it and the background only: together with an effect that takes up its misfit, it would settle where that effect
     is kept.
     """
@@ -34,7 +34,7 @@ def refine_nonlinear_parameters(search: ModelSearch, chosen: ScoredModel) -> tup
         trial = _settled(trial, (*search.background, *shaped[:number]), m)
     if trial is search:
         return search, chosen
-    # What lay far behind is not scored again: it has no say in the answer.
+    # Models that were far behind are not scored again: they do not affect the result.
     least = max(map(search.value, search.tried.values())) - RESCORED
     for members, model in search.tried.items():
         if search.value(model) > least:

@@ -1,4 +1,4 @@
-"""Nuisance parameters: what any arm has and no prediction knows, which every model may use besides its effects.
+"""Nuisance parameters: what any arm has and no prediction models. Every model may use them besides its effects.
 
 They are random effects with priors of their own, stage by stage of each joint: the delay between command and torque
 (r1) and between torque and motion (r2), errors of the links' masses, of where they lie and of their inertia

@@ -1,6 +1,6 @@
 """What changed between two recordings of the same arm: what both of them have in common is taken out beforehand.
 
-The nominal model need not be right. Whatever an effect, a nuisance or the flexible model of the omnibus test could say of
+The nominal model need not be right. Whatever an effect, a nuisance or the flexible model of the omnibus test could explain in
 both recordings alike is projected out of the residual of the later one and of the columns by which its effects show there
 (Frisch and Waugh 1933); what is left of a residual is the change, and the effects compete for it as they do for a gap.
 """

@@ -1,4 +1,4 @@
-"""How sure: probabilities of effects over all models tried, and which effects these data cannot tell apart."""
+"""How sure: probabilities of effects over all models tried, and which effects these data cannot distinguish."""
 
 from __future__ import annotations
 
@@ -83,10 +83,10 @@ def find_generalisations(search: ModelSearch, member: int) -> tuple[str, ...]:
 
 
 def _is_another_cause(design: RegressionProblem, larger: Candidate, mine: Candidate) -> bool:
-    """Whether an effect that says what a smaller one does is a cause elsewhere: of another module, with all of its parameters.
+    """Whether an effect that explains what a smaller one does is a cause elsewhere: of another module, with all of its parameters.
 
     Friction with equal and opposite levels is the torque of an offset, and a fault of the joint, not of its drive. A cable
-    says it with one of its parameters alone: a cable without stiffness is none.
+    explains it with one of its parameters alone: a cable without stiffness is none.
     """
     if ARM_EFFECTS[larger.effect.id].module == ARM_EFFECTS[mine.effect.id].module:
         return False

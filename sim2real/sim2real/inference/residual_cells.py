@@ -1,7 +1,7 @@
 """Cells: the sums of squares and products that a least-squares question about one stage of one joint needs.
 
 Residuals and columns are prewhitened by the autoregression of what all columns together leave (Cochrane and Orcutt
-1949), so that neighbouring rows count for no more than they say. A cell holds the Gram matrices of each block, and of
+1949), so that neighbouring rows count for no more than their information. A cell holds the Gram matrices of each block, and of
 each block with its surroundings: any fit to all other blocks, and its error on this one, takes a few small matrices.
 """
 
@@ -195,7 +195,7 @@ def make_cell(
 
 
 def _kept(rows: np.ndarray, trajectory: np.ndarray) -> np.ndarray:
-    """Rows (n,) that count and all of whose past that the autoregression sees counts."""
+    """Rows (n,) that count and all of whose past in the autoregression counts."""
     kept = rows.copy()
     for lag in range(1, VALIDATION.order + 1):
         kept[lag:] &= rows[:-lag] & (trajectory[lag:] == trajectory[:-lag])

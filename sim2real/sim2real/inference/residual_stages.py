@@ -29,7 +29,7 @@ class ResidualStages:
         self.regressors = make_regressors(context)
         self._before = make_reference_regressors(context) if context.reference else []
         self._common: dict[tuple[Stage, int, bool], np.ndarray] = {}  # `orthonormal_basis` of each cell
-        # Of the last joint asked for: columns of effects by stage, and of what could be said of all recordings alike.
+        # Of the last joint requested: columns of effects by stage, and of what all recordings may have in common.
         self._kept: tuple[int, dict[tuple[int, Stage], tuple[EffectRegressor, np.ndarray]]] = (-1, {})
         self._alike_of: tuple[tuple[Stage, int], tuple[np.ndarray, np.ndarray]] | None = None
         self._projected: dict[tuple[int, int], tuple[EffectRegressor, np.ndarray]] = {}
@@ -69,7 +69,7 @@ class ResidualStages:
     def question_columns(
         self, stage: Stage, rows: np.ndarray, columns: np.ndarray, left: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Columns (n, c) of a further question, and what is left (n,) to ask it of: of the change only, where there is one."""
+        """Columns (n, c) of a further question, and the residual (n,) to test it on: of the change only, where there is one."""
         if not self.context.reference:
             return columns, left
         both = project_out(
@@ -99,21 +99,21 @@ class ResidualStages:
         if not self.context.reference:
             return matrix, residual
         cell = stage, joint, at_reversal
-        if cell not in self._common:  # a shape that is being settled asks for it again and again
+        if cell not in self._common:  # a shape that is being settled needs it again and again
             self._common[cell] = orthonormal_basis(self._alike(stage, joint), rows)
         known, common = np.isfinite(residual), self._common[cell]
         left = project_out(common, rows, np.where(known, residual, 0.0)[:, None])[:, 0]
         return project_out(common, rows, matrix), np.where(known, left, np.nan)
 
     def _alike(self, stage: Stage, joint: int) -> np.ndarray:
-        """Columns (n, s) of all that could be said of both recordings of a cell."""
+        """Columns (n, s) of all that both recordings of a cell may have in common."""
         if self._alike_of is None or self._alike_of[0] != (stage, joint):  # rows about reversals have the same
             self._alike_of = (stage, joint), self._said_of_both(stage, joint)
         straight, wound = self._alike_of[1]
         if not wound.shape[1]:
             return straight
         # Columns of a gear that winds nothing up are all alike, and rule out no change: they are of both recordings only
-        # where the earlier one shows what they say.
+        # where the earlier one shows the same.
         bent = hstack_contiguous([straight, wound])
         earlier = self.rows(stage, joint) & ~self.context.is_later(self.times(stage)[0])
         twist = np.where(earlier, self.residual(stage, joint), 0.0)[:, None]
@@ -125,7 +125,7 @@ class ResidualStages:
     def _said_of_both(self, stage: Stage, joint: int) -> tuple[np.ndarray, np.ndarray]:
         """Columns of `_alike`: those of a gear that winds up (n, w) apart from all others (n, s).
 
-        A limit that the drive had before is said by a column of its own: between two limits of a grid the nearest one leaves
+        A limit that the drive had before has a column of its own: between two limits of a grid the nearest one leaves
         what a new limit would explain. It is known by the torque measured, and so may be taken out of r2 as well.
         """
         own = [
@@ -145,7 +145,7 @@ class ResidualStages:
         """Columns (n, parameters) of an effect in all recordings.
 
         With commands, r2 is taken from the commanded torque, so that the noise of the torque sensor is in r1 alone.
-        What the drive makes of a command is then missing from r2, whatever the sensor says.
+        What the drive makes of a command is then missing from r2, whatever the sensor measures.
         """
         if stage is not Stage.DYNAMICS or self.context.drive is None or Stage.DRIVE not in effect.columns:
             return self._own(effect, stage, joint) if stage in effect.columns else None
@@ -159,7 +159,7 @@ class ResidualStages:
         return self._projected[key][1]
 
     def _own(self, effect: EffectRegressor, stage: Stage, joint: int) -> np.ndarray:
-        """Columns (n, parameters) that an effect itself has at a stage, kept while this joint is asked for."""
+        """Columns (n, parameters) that an effect itself has at a stage, kept while this joint is requested."""
         if self._kept[0] != joint:
             self._kept = joint, {}
         kept, key = self._kept[1], (id(effect), stage)
@@ -178,11 +178,11 @@ class ResidualStages:
         return self.can_count(stage, joint, at_reversal) & (self.window_of(stage) < 0)
 
     def can_count(self, stage: Stage, joint: int, at_reversal: bool = False) -> np.ndarray:
-        """Rows (n,) bool that say something of the stage.
+        """Rows (n,) bool that are evidence on the stage.
 
         At the stage of the dynamics those are either the rows in which the joint slides in one direction, or
         those about its reversals, where friction behaves differently. A joint that stands is held by friction
-        of any size up to its level, so that its torque says nothing of the motion: such rows never count, nor do those of a
+        of any size up to its level, so that its torque does not depend on the motion: such rows never count, nor do those of a
         joint whose torque is unknown.
         """
         c = self.context

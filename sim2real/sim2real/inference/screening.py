@@ -1,4 +1,4 @@
-"""What each candidate promises before any model with it is scored: the search tries only the best."""
+"""The expected gain of each candidate before any model with it is scored: the search tries only the best."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class ScoredModel:
 
 @dataclass(eq=False)
 class ModelSearch:
-    """The models of a design, each scored when it is first asked for.
+    """The models of a design, each scored when it is first requested.
 
     tried: models by their members. intervals: (values, half widths) of the parameters of the groups that were
     estimated (`estimates.estimate`). background: the friction curves that every model has (`with_background`).
@@ -201,7 +201,7 @@ class ModelSearch:
     def predicts_better(self, one: ScoredModel, other: ScoredModel) -> bool:
         """Whether `one` predicts unseen blocks clearly better than `other`.
 
-        Its gain must exceed what the log priors ask for, be sure (many standard errors over the blocks), and come
+        Its gain must exceed what the log priors require, be sure (many standard errors over the blocks), and come
         with a residual that falls by an amount that matters.
         """
         difference = one.density - other.density
@@ -262,7 +262,7 @@ class ModelSearch:
         return [held_out_energy(cell, *fits[cell.joint]) for cell in self.design.cells]
 
     def can_extend(self, parent: ScoredModel, number: int) -> bool:
-        """Whether a candidate says something that a model does not say yet, at a joint where there is room for it."""
+        """Whether a candidate explains something that a model does not explain yet, at a joint where there is room for it."""
         mine = self.design.candidates[number]
         for m in parent.members:
             other = self.design.candidates[m]
@@ -282,7 +282,7 @@ class ModelSearch:
     def _may_replace(self, simpler: ScoredModel, chosen: ScoredModel) -> bool:
         """Whether a simpler effect in another's place is either of the same module or about as probable.
 
-        How little a residual changes says what a patch is worth, and between an effect and its own special case that decides
+        How little a residual changes measures what a patch is worth, and between an effect and its own special case that decides
         (plain friction and asymmetric friction). Where to look for the cause (a constant torque of the drive, or asymmetric
         friction) is a question of probability.
         """

@@ -1,9 +1,9 @@
 """Torque constants of motors, settled together with the effects that spoil a first estimate.
 
-A payload that the nominal arm does not know loads every joint: constants estimated without it take up part of it. Where the
-constants of a recording are estimated (`recordings.motor_current`), every joint has a nuisance that says by what share its constant
-is off. It is read off the best model of a short search, taken out of the torque, and asked again: first as a share of the
-torque itself, which is exact whatever the model lacks, then, free of the sensor's noise, of the torque that this model says.
+A payload that the nominal arm does not model loads every joint: constants estimated without it take up part of it. Where the
+constants of a recording are estimated (`recordings.motor_current`), every joint has a nuisance: the share by which its constant
+is off. It is read off the best model of a short search, taken out of the torque, and estimated again: first as a share of the
+torque itself, which is exact whatever the model lacks, then, free of the sensor's noise, of the torque that this model predicts.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def refine_torque_constants(logs: list[Log], arm: Arm) -> tuple[list[Log], np.nd
 
 
 def _found(search: ModelSearch) -> tuple[np.ndarray, np.ndarray]:
-    """(share (k,) that each joint's nuisance has, torque (n, k) Nm that the best model of a short search says otherwise)."""
+    """(share (k,) that each joint's nuisance has, torque (n, k) Nm that the best model of a short search otherwise predicts)."""
     design = search.design
     says, share = design.context.prediction.total.copy(), np.zeros(len(design.context.arm))
     fits = fits_by_joint(search, search.run(1).members)

@@ -1,6 +1,6 @@
-"""Motor current as joint torque, where nobody knows how many newton metres an ampere makes.
+"""Motor current as joint torque, where the torque constant, Nm/A, is unknown.
 
-The arm's own weight and inertia tell: a current is the rigid body's torque over the constant, with friction, damping and an
+The arm's own weight and inertia determine it: a current is the rigid body's torque over the constant, with friction, damping and an
 offset of sizes of their own beside it, by least squares, joint by joint. (The constant holds torque constant, gear ratio and
 efficiency.) What any effect does to the torque spoils it a little; the diagnosis therefore lets every constant vary
 (`inference.nuisances`), and settles it with the effects found (`inference.torque_constants`).

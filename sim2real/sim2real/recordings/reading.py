@@ -37,7 +37,7 @@ PD_KEYS = {
 
 
 class ContractViolation(ValueError):
-    """A recording that cannot mean what its topics or columns claim; says what was expected and found."""
+    """A recording whose topics or columns cannot mean what their names state; the message gives what was expected and found."""
 
 
 def bag_violation(path: str | Path, error: Exception) -> ContractViolation:
@@ -148,7 +148,7 @@ def _gains(numbers: np.ndarray, joints: int) -> np.ndarray:
 
 
 def _answers_of(kept: np.ndarray, dropped: np.ndarray, commanded: np.ndarray, answers: np.ndarray):
-    """Commands without those that answer a row which has been dropped."""
+    """Commands without those computed from a row which has been dropped."""
     mine = ~np.isin(commanded, np.setdiff1d(dropped, kept))
     return commanded[mine], answers[mine]
 

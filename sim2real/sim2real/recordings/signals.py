@@ -20,10 +20,10 @@ DECIMATION = 20  # samples come at 25 Hz: a kernel is about as wide as their dis
 
 @dataclass(frozen=True, eq=False)
 class Commands:
-    """m answers of the controller, k joints."""
+    """m commands of the controller, k joints."""
 
     rows: np.ndarray
-    """(m,), rows of the log that they answer."""
+    """(m,), rows of the log from which they were computed."""
     target: np.ndarray
     """(m, k) rad."""
     target_velocity: np.ndarray
@@ -33,7 +33,7 @@ class Commands:
     torque_time: np.ndarray
     """(m,) s from which the torque is in force."""
     stiffness: np.ndarray
-    """(m, k) Nm/rad that the controller was told to use; zero before it was told."""
+    """(m, k) Nm/rad that were set in the controller; zero before they were set."""
     damping: np.ndarray
     """(m, k) Nms/rad, likewise."""
     feedforward: bool = True
@@ -43,7 +43,7 @@ class Commands:
 
     @property
     def has_gains(self) -> np.ndarray:
-        """(m,) bool, whether the controller had been told its gains."""
+        """(m,) bool, whether the controller's gains had been set."""
         return (self.stiffness > 0).all(axis=1)
 
 
@@ -251,5 +251,5 @@ def _filter(values: np.ndarray, kernel: np.ndarray) -> np.ndarray:
 
 
 def _windows(column: np.ndarray) -> np.ndarray:
-    """The values (n, width of the kernel) of a column (m,) that each sample sees."""
+    """The values (n, width of the kernel) of a column (m,) in each sample's window."""
     return np.lib.stride_tricks.sliding_window_view(column, 2 * _HALF + 1)[::DECIMATION]

@@ -15,7 +15,7 @@ RECORDINGS = THRESHOLDS.recordings
 
 
 def estimate_speed_lag(log: Log) -> np.ndarray:
-    """s (k,) by which the reported speed of each joint is later than the derivative of its position; NaN where motion does not tell.
+    """s (k,) by which the reported speed of each joint is later than the derivative of its position; NaN where the motion does not determine it.
 
     Least squares of v = g q' - g T q'' through the same filter: a lag T moves a slow signal by its derivative times T.
     """

@@ -1,1 +1,1 @@
-"""The answer as files: JSON after the schema, and a page."""
+"""The result as files: JSON after the schema, and a page."""

@@ -15,7 +15,7 @@ PUT_DOWN = "the object put down at eight places, all over the picture"
 
 
 def sentences(view: CameraDiagnosis) -> list[str]:
-    """The finding; what tells its members apart; what it is worth; what was left out; what the recording does not show."""
+    """The finding; what distinguishes its members; what it is worth; what was left out; what the recording does not show."""
     parts = [_verdict(view)]
     if view.verdict in ("identified", "ambiguous"):
         parts += [_capital(_alternatives(one)) for one in view.findings]
@@ -36,7 +36,7 @@ def sentences(view: CameraDiagnosis) -> list[str]:
 
 
 def next_steps(view: CameraDiagnosis) -> list[str]:
-    """Experiments that tell rivals apart, or show what the recording does not; each once, none where all is told."""
+    """Experiments that distinguish rivals, or show what the recording does not; each once, none where nothing is open."""
     if view.verdict == "unexplained":
         return []
     if not view.bounds:  # too few places for anything
@@ -50,7 +50,7 @@ def next_steps(view: CameraDiagnosis) -> list[str]:
 
 
 def document(view: CameraDiagnosis) -> dict:
-    """The answer as JSON holds it: SI units, px in images, intervals of 95 %; `effects` as `patch.yaml` has them."""
+    """The result as the JSON report holds it: SI units, px in images, intervals of 95 %; `effects` as `patch.yaml` has them."""
     return {
         "verdict": view.verdict,
         "effects": patch(view),
@@ -84,7 +84,7 @@ def patch(view: CameraDiagnosis) -> list[dict]:
 
 
 def _split_by(one: TaskFinding) -> tuple[str, ...]:
-    """Experiments that tell the hypotheses of a finding apart."""
+    """Experiments that distinguish the hypotheses of a finding."""
     return distinguishing_experiments(frozenset(hypothesis.name for hypothesis in one.hypotheses))
 
 
@@ -116,7 +116,7 @@ def effect_text(effect: str, sizes: Mapping[str, ValueWithInterval]) -> str:
 
 
 class _Unknown:
-    """What stands for a number that nobody knows."""
+    """Stands for an unknown number."""
 
     def __format__(self, spec: str) -> str:
         unit = spec.partition(" ")[0]

@@ -1,4 +1,4 @@
-"""The answer as files: report.json after data/gap_report.schema.json, report.html, and patch.yaml."""
+"""The result as files: report.json after data/gap_report.schema.json, report.html, and patch.yaml."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What to do with the answer: the commands of the gap loop (docs/guide/close_the_gap.md), as far as the verdict goes."""
+"""What to do with the result: the commands of the gap loop (docs/guide/close_the_gap.md), as far as the verdict goes."""
 
 from __future__ import annotations
 

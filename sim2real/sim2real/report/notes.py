@@ -1,4 +1,4 @@
-"""What a reader of the report must know of its recordings: what could not be told, or was not tried, and why."""
+"""What a reader of the report must know of its recordings: what could not be determined, or was not tried, and why."""
 
 from __future__ import annotations
 

@@ -128,7 +128,7 @@ def _plot_latency(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
 
 
 def _plot_friction_cone(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
-    """Force along the table against what presses the object on it, with the lines that are believed in and measured."""
+    """Force along the table against what presses the object on it, with the nominal and the measured lines."""
     force = diagnosis.forces
     if force is None or not force.measured or "table" not in force.measured:
         return False
@@ -170,7 +170,7 @@ def _plot_path(axes: Axes, diagnosis: TaskDiagnosis, camera: Camera) -> bool:
 
 
 def _plot_touches(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
-    """Force against the tip's height at every touched place of the table; the grey line is where it is believed to be."""
+    """Force against the tip's height at every touched place of the table; the grey line is the nominal height."""
     touches = [t for t in diagnosis.surfaces.touches if t.name.startswith("touch_table")] if diagnosis.surfaces else []
     if not touches:
         return False

@@ -17,7 +17,7 @@ SPLIT_BY = {
     "meeting": f"{PUT_DOWN}, and measured there by something else than the camera",
     "lag": CLOCK,
 }
-"""By stage: the experiment that tells its hypotheses apart."""
+"""By stage: the experiment that distinguishes its hypotheses."""
 LEAST_SHARE = 0.05
 """Share of what is off from which on a part of the set-up is in the first sentences."""
 OFFSET_NAMES = {"camera_place": "place", "camera_turn": "turn"}
@@ -137,7 +137,7 @@ def describe_measured(module: str, diagnosis: TaskDiagnosis) -> str:
 
 
 def next_steps(diagnosis: TaskDiagnosis) -> list[str]:
-    """Experiments that tell hypotheses apart, or show what the recordings do not."""
+    """Experiments that distinguish hypotheses, or show what the recordings do not."""
     open_findings = [one for result in diagnosis.modules for one in result.findings if not one.is_one_effect]
     steps = [SPLIT_BY[one.source] for one in open_findings if one.source in SPLIT_BY]
     if any(one.verdict == NOT_SEEN and one.module not in ("arm", "camera") for one in diagnosis.modules):

@@ -1,6 +1,6 @@
 """r4: the closed loop in the simulator, from recorded targets and gains, against the recorded motion.
 
-The torque domain says what the arm lacks; this says what that means for where the arm goes. The simulator is started
+The torque domain shows what the model lacks; this shows the effect on the arm's motion. The simulator is started
 from recorded states again and again (multiple shooting), each time for a short while, under the impedance law with
 the recorded targets: nominal, or with a patch. What was fed forward is taken from the recording. All windows and
 patches are stepped side by side (mujoco.batch).

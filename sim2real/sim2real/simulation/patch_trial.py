@@ -1,6 +1,6 @@
 """The patch: what the diagnosis found, as changes of the nominal arm; tried in simulation before that, on held-out motion.
 
-The equations of motion decide what is there. Whether the simulator gets closer with it is another question, asked of
+The equations of motion decide what is there. Whether the simulator gets closer with it is another question, tested on
 the closed loop (`multiple_shooting`): an effect that makes it depart further from what was recorded is left out, and named.
 """
 

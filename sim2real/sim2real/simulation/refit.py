@@ -73,7 +73,7 @@ class Refit:
 def effects_to_refit(
     diagnosis: Diagnosis, model: ScoredModel | None = None, seed: int = 0
 ) -> tuple[RefittedEffect, ...]:
-    """What the chosen model, or another one, says. Joints that stay unexplained are left out."""
+    """The effects of the chosen model, or of another one. Joints that stay unexplained are left out."""
     joints = diagnosis.context.arm.joints
     unexplained = {joints[j] for j in diagnosis.unexplained}
     if model is None:
@@ -168,7 +168,7 @@ def _make_patch(parts: Sequence[RefittedEffect], names: Sequence[tuple[int, str]
 
 
 def refit_in_simulation(diagnosis: Diagnosis, rivals: Sequence[ScoredModel] = (), seed: int = 0) -> dict | None:
-    """The chosen model and its rivals refitted, as the report says it.
+    """The chosen model and its rivals refitted, as in the report.
 
     None for another arm, for recordings without commands, or where nothing is to be refitted.
     """

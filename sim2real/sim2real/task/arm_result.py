@@ -1,4 +1,4 @@
-"""The answer that `diagnose` gave of the same arm, as a row of the report."""
+"""The result of `diagnose` for the same arm, as a row of the report."""
 
 from __future__ import annotations
 

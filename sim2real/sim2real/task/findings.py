@@ -67,7 +67,7 @@ def keypoint_noise_findings(noise: KeypointNoise | None) -> list[TaskFinding]:
 
 
 def latency_findings(latency: ImageLatency | None) -> list[TaskFinding]:
-    """Late images: the camera's latency or its clock, which one recording cannot tell apart. A camera cannot be early."""
+    """Late images: the camera's latency or its clock, which one recording cannot distinguish. A camera cannot be early."""
     if latency is None or latency.late is None or latency.verdict == "no_gap":
         return []
     late = latency.late
@@ -101,10 +101,10 @@ def hand_eye_offset_findings(offset: HandEyeOffset | None, turn: np.ndarray | No
 
 
 def resolve_conflicts(findings: list[TaskFinding], surfaces: SurfaceContactResult | None) -> list[TaskFinding]:
-    """Findings that agree with one another.
+    """Findings that do not contradict one another.
 
     The hand feels the table, which the camera does not move: a camera hypothesis that places the table elsewhere is dropped, and one that places
-    it there stands alone and counts once. A camera that the view stage still reports explains the hand-eye offset, of which it says more.
+    it there stands alone and counts once. A camera that the view stage still reports explains the hand-eye offset in more detail.
     """
     if (
         surfaces is not None

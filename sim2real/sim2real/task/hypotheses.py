@@ -43,7 +43,7 @@ class Hypothesis:
     name: str
     """As the stage calls it."""
     effects: tuple[str, ...]
-    """Ids of the catalogue; several where no recording tells them apart."""
+    """Ids of the catalogue; several where no recording distinguishes them."""
     estimates: dict[str, ValueWithInterval]
     """Parameters with their 95 % intervals, in SI units and px."""
     patch: dict[str, float] = field(default_factory=dict)
@@ -60,7 +60,7 @@ class TaskFinding:
     """Something that is off."""
 
     hypotheses: tuple[Hypothesis, ...]
-    """Explanations that the recording does not tell apart, the most probable first."""
+    """Explanations that the recording does not distinguish, the most probable first."""
     log_bayes_factor: float
     """Nats by which the recording is more probable with the first hypothesis than without it."""
     source: str = ""

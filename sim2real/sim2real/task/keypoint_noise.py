@@ -1,7 +1,7 @@
 """The detector's stage: how keypoints scatter about where they are while the object rests, and which images are shown twice.
 
-A corner's deviation is noise with a memory of the image before, or now and then something else altogether: two circular Gaussians, told
-apart by expectation and maximisation (Dempster, Laird and Rubin 1977).
+A corner's deviation is noise with a memory of the image before, or now and then something else altogether: two circular Gaussians,
+separated by expectation and maximisation (Dempster, Laird and Rubin 1977).
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class KeypointNoise:
 
 
 def estimate_keypoint_noise(track: KeypointTrack) -> KeypointNoise:
-    """Of a recording. Raises ContractViolation where the object rests for too short a time to tell."""
+    """Of a recording. Raises ContractViolation where the object rests for too short a time."""
     pieces = find_rests(track)
     seconds = sum(track.time[s.stop - 1] - track.time[s.start] for s in pieces)
     if seconds < SCATTER.least:

@@ -26,7 +26,7 @@ class KeypointTrack:
     pixels: np.ndarray
     """Corners (n, 8, 2) u, v px."""
     usable: np.ndarray
-    """Whether (n, 8) a corner has the score that policies ask for."""
+    """Whether (n, 8) a corner has the score that policies require."""
 
     def __post_init__(self) -> None:
         n = len(self.time)

@@ -17,7 +17,7 @@ from sim2real.task.suite.recording import NotATaskSuite, TaskRecording, read_tas
 def read_recordings(
     bags: Sequence[str | Path], calibration: str = "", measured: bool = True, camera: Camera = CAMERA
 ) -> TaskRecordings:
-    """Rosbag2 recordings in the order of time; calibration, measured: as of `read_rest_poses`; camera: that is believed in. Raises ContractViolation for
+    """Rosbag2 recordings in the order of time; calibration, measured: as of `read_rest_poses`; camera: the nominal one. Raises ContractViolation for
     one that has no keypoints, or is of another object than the first."""
     tasks, tracks, rest_poses = [], [], []
     for bag in bags:

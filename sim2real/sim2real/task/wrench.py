@@ -81,7 +81,7 @@ def tip_forces(
 
     points (n, 3) m: where the hand is touched, and no moment acts; None: anywhere, with a moment. free (7,) or (n, 7) Nm: excess without
     contact; turning (7,): of its rows, see `Motion.turning`. A joint that hardly moves counts little, and so does one that did not turn the same
-    way where nothing was touched: nobody knows which way its friction acts, or acted.
+    way where nothing was touched: the direction of its friction is unknown.
     """
     inverse, deviation = _weighted_inverse(moved, points, panda, turning)
     return np.einsum("nij,nj->ni", inverse, -(moved.excess - free) / deviation)[:, :3]

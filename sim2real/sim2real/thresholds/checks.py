@@ -37,7 +37,7 @@ class Recordings:
     speed_lag: float = 0.01
     """s by which a reported speed may lag behind its position: a Panda and a UR5 report it 5 ms late."""
     speed_lag_error: float = 0.002
-    """s, largest standard error of a lag that is believed."""
+    """s, largest standard error of a lag that is used."""
 
 
 @dataclass(frozen=True)

@@ -70,6 +70,6 @@ class Refitting:
     windows_least: int = 8
     """Smallest number of windows of a recording that is refitted."""
     finest: float = 2e-6
-    """rad to which two simulators can agree on a motion."""
+    """rad, smallest difference of two simulators on a motion."""
     agree: float = 0.02
     """Relative difference up to which two simulators agree about the same law."""

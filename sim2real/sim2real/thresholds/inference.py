@@ -1,4 +1,4 @@
-"""Thresholds of the inference: rows, blocks, the search for a model, and what is said of it.
+"""Thresholds of the inference: rows, blocks, the search for a model, and what is reported of it.
 
 Tolerances of a solver stand beside the solver. Without another source a number is engineering judgement, tried on the
 opened cases of the sealed test.
@@ -38,7 +38,7 @@ class Blocks:
     gaps_per_block: float = 3.0
     """Length in gaps of the shortest block that can be predicted."""
     rows: int = 8
-    """Smallest number of rows with which a block says something of a cell."""
+    """Smallest number of rows with which a block counts in a cell."""
     order: int = 2
     """Order of the autoregression that whitens residuals (Cochrane and Orcutt 1949)."""
     order_rows: int = 50
@@ -68,7 +68,7 @@ class LoopDelay:
 
 @dataclass(frozen=True)
 class Nuisances:
-    """Random effects that every arm has and no prediction knows (`inference.nuisances`)."""
+    """Random effects that every arm has and no prediction models (`inference.nuisances`)."""
 
     delay: float = 2e-4
     """s, usual delay between command and torque."""

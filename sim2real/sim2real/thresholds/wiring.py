@@ -14,9 +14,9 @@ class Wiring:
     wrap: float = 0.5
     """rad by which a step between two rows may be off a whole turn that wraps, and that the speed may make of it."""
     speed_floor: float = 0.01
-    """rad/s; slower motion says nothing of a velocity."""
+    """rad/s; slower motion is no evidence on a velocity."""
     torque_floor: float = 0.004
-    """Share of a joint's limit; smaller torques say nothing: 0.35 Nm at a Panda's shoulder, 0.05 Nm at its wrist."""
+    """Share of a joint's limit; smaller torques are no evidence: 0.35 Nm at a Panda's shoulder, 0.05 Nm at its wrist."""
     tracking: float = 0.15
     """rad by which a joint may be off its target while it stands still."""
     limit_slack: float = 0.05
@@ -30,17 +30,17 @@ class Wiring:
     sharply: float = 10.0
     """Factor by which the right sample reduces the error of the law."""
     step_agreement: float = 0.05
-    """Rise of the correlation of the effort's steps with the command's that tells another sample."""
+    """Rise of the correlation of the effort's steps with the command's that shows another sample."""
     pose_position: float = 0.005
     """m between a target pose and forward kinematics of its joint target."""
     pose_angle: float = 0.05
     """rad between them."""
     least_poses: int = 10
-    """Target poses that tell a convention."""
+    """Smallest number of target poses that determines a convention."""
     action_scale: float = 1.3
     """Factor of steps from which on the scale is wrong."""
     least_stamps: int = 10
-    """Messages that tell a clock."""
+    """Smallest number of messages that determines a clock."""
     latest: float = 0.5
     """s by which messages of one clock may be older than others on arrival."""
     earliest: float = 0.05
@@ -48,9 +48,9 @@ class Wiring:
     drift: float = 1e-3
     """s a second; quartz clocks differ by less than a tenth of it."""
     drift_span: float = 5.0
-    """s of a stream that tell a drift."""
+    """s of a stream that determine a drift."""
     least_images: int = 5
-    """Images that tell a convention."""
+    """Smallest number of images that determines a convention."""
     images: int = 12
     """Images whose keypoints are compared, at most."""
     detected: int = 4

@@ -35,7 +35,7 @@ POSES, IMAGES, DETECTED = 1000, 300, 4  # messages of target_pose, keypoints and
 
 @dataclass(frozen=True, eq=False)
 class WiringRecording:
-    """What the wiring of a bag is told from, beside its joints. Stamps are ns of the messages' headers."""
+    """What the wiring of a bag is determined from, beside its joints. Stamps are ns of the messages' headers."""
 
     headers: dict[str, np.ndarray]
     """By topic, stamps (n,)."""
@@ -115,7 +115,7 @@ def find_stream_fault(recording: WiringRecording, log: Log) -> WiringFault | Non
         fault = find_target_pose_fault(log, (recording.pose_stamps - first) / SECOND, recording.poses)
     if fault or recording.domain is None or recording.calibration:
         return fault
-    # The detectors know no others.
+    # The detectors work with no others.
     if len(recording.images) and recording.images.shape[1:] == (CAMERA.height, CAMERA.width, 3):
         try:
             fault = find_image_fault(recording.images, recording.domain)

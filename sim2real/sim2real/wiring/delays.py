@@ -82,7 +82,7 @@ def _step_agreement(log: Log, late: int) -> float:
 
 
 def effort_phase(log: Log, arm: Arm) -> float:
-    """s by which the measured effort is later than the motion says: least squares of what the rigid body, friction and rotor leave, with the slope
+    """s by which the measured effort is later than the motion: least squares of what the rigid body, friction and rotor leave, with the slope
     of what they explain, where joints do not reverse."""
     period, count = float(np.median(np.diff(log.time))), len(log.time)
     half = max(1, round(SMOOTH / period / 2))

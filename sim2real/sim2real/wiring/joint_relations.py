@@ -110,6 +110,6 @@ def _distance(position: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 
 def _difference(one: np.ndarray, other: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    """Energy (k,) of the difference over that of both, which is 1 where they have nothing in common; what is below `floor` says nothing."""
+    """Energy (k,) of the difference over that of both, which is 1 where they have nothing in common; what is below `floor` is no evidence."""
     square = np.mean((one - other) ** 2, axis=0)
     return np.minimum(square / (np.mean(one**2 + other**2, axis=0) + floor**2), 1.0)

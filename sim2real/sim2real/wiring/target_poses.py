@@ -1,6 +1,6 @@
-"""Conventions of `target_pose`: the controller's joint target, by forward kinematics, against the pose that it answers.
+"""Conventions of `target_pose`: the controller's joint target, by forward kinematics, against the target pose it was computed from.
 
-The joint target of a pose is its inverse kinematics, so that the two agree within a millimetre where frame, quaternion and scale are right.
+The joint target of a pose is its inverse kinematics, so that the two differ by less than a millimetre where frame, quaternion and scale are right.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Camera extrinsics: the camera stands elsewhere than its calibration says."""
+"""Camera extrinsics: the camera's pose is not that of its calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lens distortion that nobody has corrected (Brown 1966, Conrady 1919; as OpenCV and ROS's plumb_bob have it)."""
+"""Lens distortion that is not corrected (Brown 1966, Conrady 1919; as OpenCV and ROS's plumb_bob have it)."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Where the table is, other than it is believed to be."""
+"""Deviations of the table from its nominal pose."""

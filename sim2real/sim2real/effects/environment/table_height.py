@@ -1,4 +1,4 @@
-"""Table height: table and obstacles are higher or lower than they are believed to be."""
+"""Table height: table and obstacles are higher or lower than nominal."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ MOST = 1.0  # kg m^2 that is looked for
 
 
 def _regressor(context: Context, joint: int) -> EffectRegressor:
-    """A rotor is told from the links that the joint turns where it is larger than their errors together."""
+    """A rotor is distinguishable from the links that the joint turns where it is larger than their errors together."""
     links = context.rigid.link_inertia_traces()[context.rigid.links_moved_by(joint)]
     least = SURE * INERTIA_ERROR * float(np.linalg.norm(links))
     return EffectRegressor(

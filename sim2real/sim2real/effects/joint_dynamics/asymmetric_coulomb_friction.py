@@ -29,7 +29,7 @@ def _levels(lower: float) -> tuple[Parameter, ...]:
 
 def _make_immediate_regressor(lower: float) -> EffectRegressor:
     """From the one level to the other through their mean: the forces of Coulomb friction with an offset, at a turn as well,
-    or turns would seem to tell the two apart."""
+    or turns would seem to distinguish the two."""
     return EffectRegressor(
         "asymmetric_coulomb_friction",
         _levels(lower),

@@ -14,7 +14,7 @@ from sim2real.effects.stage import Stage
 
 CHANGE, DURATION = Quantity("change", "1", -0.9, 0.9), Quantity("duration", "s", 0.0, 1e4)
 WARM_UP = (40.0, 70.0, 110.0, 180.0)  # s
-USUAL_DURATION = 180.0  # s over which friction changes by the whole of `change`, where a patch does not say
+USUAL_DURATION = 180.0  # s over which friction changes by the whole of `change`, where a patch sets none
 
 
 def _regressor(variant: str, course) -> EffectRegressor:

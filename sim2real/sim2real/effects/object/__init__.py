@@ -1,1 +1,1 @@
-"""What the object is, other than it is believed to be."""
+"""Deviations of the object from its nominal model."""

@@ -17,11 +17,11 @@ from sim2real.effects.stage import Stage
 
 SCALE = Quantity("scale", "1", -1.0, 50.0)
 LEAST, MOST = -0.9, 5.0  # that is looked for
-AXES = 0.25  # of the change, to which one number says it: what is added to a link has axes of its own
+AXES = 0.25  # of the change, to which one number describes it: an added body has axes of its own
 
 
 def _regressors(context: Context) -> list[EffectRegressor]:
-    # A joint feels the errors of all links that it turns: one link's can be told from those of the others only where it is
+    # A joint feels the errors of all links that it turns: one link's can be distinguished from those of the others only where it is
     # larger than they are together.
     own = context.rigid.link_inertia_traces()
     known = SURE * INERTIA_ERROR * np.linalg.norm(own) / np.maximum(own, 1e-9)

@@ -1,4 +1,4 @@
-"""Payload: a point mass at the tool point that the simulator does not know."""
+"""Payload: a point mass at the tool point that the simulator does not model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A torque sensor with a wrong gain or zero. Shows between command and measurement only: the motion knows nothing of it."""
+"""A torque sensor with a wrong gain or zero. Shows between command and measurement only, not in the motion."""
 
 from __future__ import annotations
 

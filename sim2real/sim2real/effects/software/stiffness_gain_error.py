@@ -1,4 +1,4 @@
-"""The controller's stiffness is not the one that was asked for. The controller's own: no simulated arm carries it."""
+"""The controller's stiffness is not the requested one. The controller's own: no simulated arm carries it."""
 
 from __future__ import annotations
 

@@ -13,8 +13,8 @@ from sim2real.effects.regressor import EffectRegressor, Parameter, stack
 from sim2real.effects.stage import Stage
 
 DELAY = Quantity("delay", "s", -0.05, 0.05)
-LEAST = 3e-4  # s beyond what the loop has, up to which states may be older than they say
-KNOWN = 1e-4  # s, to which filtered motion tells one
+LEAST = 3e-4  # s beyond what the loop has, up to which states may be older than their stamps
+KNOWN = 1e-4  # s, to which filtered motion determines one
 
 
 def _torque_rate(c: Context, j: int) -> np.ndarray:

@@ -97,7 +97,7 @@ def _hold_change(c: Context, j: int) -> np.ndarray:
 
 
 def _regressors(context: Context) -> list[EffectRegressor]:
-    # Of periods too alike to tell, none is lost for certain: there is no share of those to go by.
+    # Of periods too alike to distinguish, none is lost for certain, so a share of them is not available.
     if context.drive is None or context.held is None or context.held.sum() <= LEAST_HELD or context.held_share <= 0:
         return []
     share, known = context.held_share, context.held_error

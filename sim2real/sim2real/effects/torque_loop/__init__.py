@@ -1,1 +1,1 @@
-"""What the drive makes of the commanded torque. Shows between command and measurement where the sensor sees it, in the motion where it does not."""
+"""What the drive makes of the commanded torque. Shows between command and measurement where the sensor measures it, in the motion where it does not."""

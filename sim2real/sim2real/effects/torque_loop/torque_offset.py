@@ -1,4 +1,4 @@
-"""Offset of the torque loop: what a drive gives when nothing is asked for."""
+"""Offset of the torque loop: what a drive gives at zero command."""
 
 from __future__ import annotations
 

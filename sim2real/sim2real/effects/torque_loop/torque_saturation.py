@@ -19,7 +19,7 @@ LIMIT = Quantity("limit", "Nm", 0.0, 200.0)
 
 
 def saturate(d: Drive, values: np.ndarray, limit: float, measured: np.ndarray | None = None) -> np.ndarray:
-    """values (n,) Nm within a limit Nm. It has no memory: what was given says nothing more."""
+    """values (n,) Nm within a limit Nm. It has no memory: past torques do not matter."""
     return np.clip(values, -limit, limit)
 
 

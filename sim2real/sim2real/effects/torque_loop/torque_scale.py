@@ -1,4 +1,4 @@
-"""Gain of the torque loop: the drive gives more or less than it was asked for."""
+"""Gain of the torque loop: the drive gives more or less than commanded."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SOURCE = "gain of the torque loop"
 
 def _regressors(context: Context) -> list[EffectRegressor]:
     if context.constant is not None:
-        return []  # nobody can tell a wrong scale from an unknown one
+        return []  # a wrong scale cannot be distinguished from an unknown one
     scale = (Parameter("scale", "1", -MOST, MOST, 0.03, least=KNOWN),)
     hidden = {Stage.DYNAMICS: lambda c, j: stack(-c.prediction.load[:, j])}
     found = [EffectRegressor("torque_scale", scale, hidden, SOURCE, "unseen by the sensor", model=WEIGHT_KNOWN)]

@@ -34,7 +34,7 @@ def _load_side(c: Context, j: int) -> np.ndarray:
 def _twist_side(c: Context, j: int, share: float) -> np.ndarray:
     """Side (n,) of the play at which the twist shows the gear, -1..1: all the way at a share of the twist's reach.
 
-    A reference has a reach of its own, and where that is none its load says the side, as of any play that it might have had. By the
+    A reference has a reach of its own, and where that is none its load determines the side, as of any play that it might have had. By the
     later recordings' reach its column would be nought, and what both "have in common" would be the change itself.
     """
     t, later = c.transmission, _twist_range(c, j)

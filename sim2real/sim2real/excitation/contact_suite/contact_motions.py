@@ -13,15 +13,15 @@ from sim2real.excitation.suite import Segment
 
 CLEAR = 0.03  # m over whatever is there, at which the hand travels
 FAST = 0.12  # m/s on the way
-BEFORE = 0.025  # m over a surface from which on the tip comes slowly: tables are up to 2 cm higher than believed
+BEFORE = 0.025  # m over a surface from which on the tip comes slowly: tables are up to 2 cm higher than nominal
 SLOW_TOUCH = 0.02  # m/s
-DEEPER = 0.008  # m below a surface, as it is believed to be, down to which the tip is sent
+DEEPER = 0.008  # m below a surface's nominal height, down to which the tip is sent
 HELD_UP = 0.003  # m over there, at which a tip was stopped: one that is free is less far off
 STROKE, STROKE_SPEED = 0.028, 0.03  # m and m/s of a drag
 BEHIND = 0.02  # m behind the middle, where a drag presses: a tall object would tip over its leading edge
 SWAY, SWAYS, SWAY_FORCE = 0.012, (1.6, 4), 9.0
 """m to either side; period s and how many; N by which a tip leads an object that it sways: as the strongest of drags, so that it does not slip."""
-ROCKS = 1.6  # times the friction with the table that is believed, up to which an object may not tip over an edge when its top is led
+ROCKS = 1.6  # times the nominal table friction up to which an object must not tip over an edge when its top is led
 HEADINGS = (np.array([1.0, 0.0]), np.array([-1.0, 0.0]), np.array([0.0, 1.0]), np.array([0.0, -1.0]))
 OVER = 0.015  # m over obstacles
 LEAVE = 0.012  # m by which the tip backs off

@@ -28,7 +28,7 @@ class OutOfPicture(ValueError):
 
 
 class SuiteMonitor:
-    """Takes keypoints and states in the order of their stamps. camera: the one that is believed in."""
+    """Takes keypoints and states in the order of their stamps. camera: the nominal one."""
 
     def __init__(self, domain: Task, camera: Camera = CAMERA):
         self._domain, self._camera = domain, camera

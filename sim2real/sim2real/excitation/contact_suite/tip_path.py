@@ -24,7 +24,7 @@ GAINS = np.stack([STIFFNESS_MAX, np.ones(7)])
 
 
 class OutOfReach(ValueError):
-    """A path that the arm cannot follow; says where."""
+    """A path that the arm cannot follow; the message names the place."""
 
 
 @dataclass(frozen=True, eq=False)

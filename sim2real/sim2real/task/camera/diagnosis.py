@@ -71,7 +71,7 @@ class CameraDiagnosis:
 
 
 def diagnose_camera(places: Sequence[RestPose], camera: Camera = CAMERA) -> CameraDiagnosis:
-    """Of places at which the object rested, each of which counts once. camera: the one that is believed in.
+    """Of places at which the object rested, each of which counts once. camera: the nominal one.
 
     Raises ContractViolation without a place.
     """
@@ -223,7 +223,7 @@ def _bounds(models: _CameraModels, chosen: Effects) -> dict:
 
 
 def _insufficient(scene: CameraScene) -> str:
-    """Why the places tell nothing apart, "" where they may."""
+    """Why the places distinguish nothing, "" where they may."""
     if len(scene) < COMPARISON.places:
         where = "one place" if len(scene) == 1 else f"{len(scene)} places"
         return f"the object rested flat in {where}; {COMPARISON.places} are needed, better eight, all over the picture"

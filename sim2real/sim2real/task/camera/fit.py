@@ -231,7 +231,7 @@ class _Search:
         return float(np.exp(minimize_scalar(off, bounds=np.log(FIT.scatters), method="bounded").x))
 
     def summary(self, vector, poses, scatter: float) -> CameraFit:
-        """All that a fit says, at its end."""
+        """The result of a fit."""
         lines = linearise(self.scene, vector, poses)
         bends, weights = self.bends(lines, scatter), self.weights(lines, scatter, FIT.tails)
         _, spent, volume = self.inverse(lines, vector, bends)
@@ -239,7 +239,7 @@ class _Search:
         usable = self.scene.usable
         freedom = max(2 * usable.sum() - spent, 1.0)
         # Huber's sandwich: how much corners pull, against how much that was expected of this density. A few that happen to pull little are
-        # not taken to say more than Gaussian ones of that scatter.
+        # not taken to be better than Gaussian ones of that scatter.
         variance, square = self.squares(lines, scatter)
         pull = ((weights**2 * variance * square)[usable] * variance[usable]).sum() / freedom
         expected = (bends * variance)[usable].mean()

@@ -1,4 +1,4 @@
-"""How a box lies at a place: on which face, at which height, where and how turned, as far as the camera that is believed in tells."""
+"""How a box lies at a place: on which face, at which height, where and how turned, as far as the nominal camera shows it."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def fit_flat_pose(place: RestPose, camera: Camera) -> FlatPoseFit:
         FlatPoseFit(face, surface, pose, _corner_error(place, camera, face, surface, pose))
         for face, surface, pose in candidates
     )
-    # A pose that was measured tells how the box lies; the corners may then be as far off as they like.
+    # A measured pose gives how the box lies; the corners may then be as far off as they like.
     return next(found) if place.position is not None else min(found, key=lambda one: one.off)
 
 
@@ -112,7 +112,7 @@ def _corner_error(place: RestPose, camera: Camera, face: np.ndarray, surface: fl
     middle = np.array([*pose[:2], surface + np.abs(face[2]) @ half])
     pixels, depth = camera.project((CORNERS * half) @ (spin @ face).T + middle)
     away = (pixels - place.pixels)[place.usable]
-    if place.position is not None:  # elsewhere is the camera's fault, and told by the fit: of the shape alone
+    if place.position is not None:  # a shift is the camera's fault, and left to the fit: of the shape alone
         away = away - np.median(away, axis=0)
     # One corner in four may be gross: the middle of the squares stands for their mean, as of a circular Gaussian.
     return float(np.sqrt(np.median((away**2).sum(axis=1)) / np.log(2))) if (depth > 0).all() else np.inf

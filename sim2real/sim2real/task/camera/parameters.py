@@ -34,7 +34,7 @@ class CameraParameter:
     """Largest gap that is physical."""
 
     def is_informative(self, low: float, high: float) -> bool:
-        """Whether an interval says something of the number: its sign, or that it is much nearer to nothing than a gap may be."""
+        """Whether an interval constrains the number: its sign, or that it is much nearer to nothing than a gap may be."""
         return low > 0 or high < 0 or high - low <= 2 * 1.96 * THRESHOLDS.camera_comparison.narrowed * self.gap
 
 
@@ -167,7 +167,7 @@ SPLIT_BY: tuple[tuple[frozenset[str], str], ...] = tuple(
     }.items()
     for one, other in pairs
 )
-"""What tells two explanations apart that explain the same."""
+"""What distinguishes two explanations of the same data."""
 SHOWN_BY = {
     "camera_place": "poses of the object that something else than the camera has measured, or a calibration with a board",
     "camera_turn": "poses of the object that something else than the camera has measured, or a calibration with a board",
@@ -180,11 +180,11 @@ SHOWN_BY = {
 }
 """What shows an effect that a recording does not."""
 OF_ITSELF = {"image_offset": "corners marked by hand in one picture: a detector's bias goes, the image's centre stays"}
-"""What tells the ids of one explanation apart."""
+"""What distinguishes the ids of one explanation."""
 
 
 def distinguishing_experiments(names: frozenset[str]) -> tuple[str, ...]:
-    """Experiments that tell these explanations apart, each once."""
+    """Experiments that distinguish these explanations, each once."""
     experiments = [text for pair, text in SPLIT_BY if pair <= names]
     experiments += [OF_ITSELF[name] for name in sorted(names & OF_ITSELF.keys())]
     return tuple(dict.fromkeys(experiments))

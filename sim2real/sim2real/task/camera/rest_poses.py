@@ -61,7 +61,7 @@ def read_rest_poses(
 ) -> list[RestPose]:
     """The places of a rosbag2 recording, none where the object never rests. track: its own, where corners that do not count are known.
 
-    calibration: file of the camera that is believed in, without which a recording that was made with one is refused; measured: with the
+    calibration: file of the nominal camera, without which a recording that was made with one is refused; measured: with the
     poses of `object_pose`, where it has them. Raises ContractViolation.
     """
     from np_description.message_arrays import pose_arrays

@@ -1,7 +1,7 @@
 """Friction and mass by force: which of table and object explains what drags and pushes take.
 
 A drag takes mu (N + m g), and so does a slow push, whose N is what the tip's friction holds the face down or up by. Pushes alone hold friction
-and mass nearly as one product; drags that press by different forces tell them apart. A slow slide takes what the coefficient of a simulator says,
+and mass nearly as one product; drags that press by different forces distinguish them. A slow slide takes what the coefficient of a simulator gives,
 within 1.5 %: an error that all forces share, of friction and not of mass. Where a moving tip hops, as in MuJoCo with `HARD`, it takes 7 % less. The
 fingertip's coefficient is what strokes take that slip over a resting object, by different forces in the same proportion. Else it is at least
 what it was seen to hold: a tip that hops, and an object that gives way under a scrape, take less.
@@ -30,7 +30,7 @@ from sim2real.thresholds import THRESHOLDS
 
 FORCE = THRESHOLDS.friction_and_mass
 NUMBERS = ("table", "mass", "finger")
-"""Logarithms of coefficients and mass over those that are believed in; the first two are those of `fit_friction_and_mass`."""
+"""Logarithms of coefficients and mass over the nominal ones; the first two are those of `fit_friction_and_mass`."""
 EFFECTS = {"table_friction": ("table",), "object_mass": ("mass",), "gripper_friction": ("finger",)}
 
 
@@ -108,7 +108,7 @@ def _add_finger(
     if len(slips) > 1:
         own = np.array([np.hypot(r.deviation / r.force, r.normal_deviation / r.normal) for r in slips]) ** 2
         mean = float(np.average(logs, weights=1 / own))
-        agree = np.abs(logs - mean) < np.hypot(FORCE.proportion / 2, 2 * np.sqrt(own))  # a weak stroke says little
+        agree = np.abs(logs - mean) < np.hypot(FORCE.proportion / 2, 2 * np.sqrt(own))  # weak strokes count little
         if agree.all() and not tip_hops(every, np.exp(mean), *np.exp(value) * (believed.table, believed.mass)):
             finger = mean - np.log(believed.finger)
             variance = float(1 / np.sum(1 / own)) + FORCE.proportion**2 / 4 / len(slips)

@@ -38,7 +38,7 @@ def find_external_press(measured: Mapping[str, tuple[float, float, float]], slid
     deviations = [np.hypot(SLIDE.face, (one.short(low) - one.short(high)) / 3.92) for one in slid]
     if min(one.short(friction) / own for one, own in zip(slid, deviations)) < SLIDE.sooner:
         return ""
-    # Pushes and drags tell weight and the rest together; of what slows an object by its own weight, mass is no part.
+    # Pushes and drags determine weight and the rest together; of what slows an object by its own weight, mass is no part.
     force = (1 - friction / fit_deceleration(slid)) * measured["mass"][0] * GRAVITY
     return (
         f"about {force:.1f} N of what presses the object onto the table are no weight: it stops sooner when it slides"

@@ -38,7 +38,7 @@ class NominalContact:
 
 
 def predict_forces(numbers: np.ndarray, used: Sequence[ForceReading], believed: NominalContact) -> np.ndarray:
-    """Forces (n,) N of the readings with numbers (2,): logarithms of table friction and mass over those that are believed in."""
+    """Forces (n,) N of the readings with numbers (2,): logarithms of table friction and mass over the nominal ones."""
     table, mass = np.exp(numbers) * (believed.table, believed.mass)
     return np.array([table * (r.normal + mass * GRAVITY) for r in used])
 
@@ -46,7 +46,7 @@ def predict_forces(numbers: np.ndarray, used: Sequence[ForceReading], believed: 
 def fit_friction_and_mass(
     used: Sequence[ForceReading], believed: NominalContact, free: Sequence[int] = (0, 1)
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Numbers (2,), as of `predict_forces`, their covariance (2, 2), and errors over usual ones; numbers that are not free stay as believed.
+    """Numbers (2,), as of `predict_forces`, their covariance (2, 2), and errors over usual ones; numbers that are not free stay nominal.
 
     Nuisances are what each group's forces, and what normal forces of each, have in common."""
     force = np.array([r.force for r in used])
@@ -74,13 +74,13 @@ def fit_friction_and_mass(
 
 
 def _scale(misfit: float, left: int) -> float:
-    """Factor of the variance of what readings say, by how far off they are in this recording: usual errors are what nobody has seen more of, and
+    """Factor of the readings' variance, by how far off they are in this recording. The usual errors
     count as some readings more, beside `left` that no number takes."""
     return float((FORCE.usually + max(left, 0) * misfit**2) / (FORCE.usually + max(left, 0)))
 
 
 def jackknife_factor(used: Sequence[ForceReading], believed: NominalContact, covariance: np.ndarray) -> float:
-    """By how much the variance of the numbers is larger, by a jackknife over experiments, than readings' own errors say."""
+    """By how much the variance of the numbers is larger, by a jackknife over experiments, than by the readings' own errors."""
     names = list(dict.fromkeys(r.experiment for r in used))
     if len(names) < 3:
         return 1.0

@@ -203,6 +203,6 @@ def _chatters(moved: ArmMotion, rows: np.ndarray) -> bool:
 
 
 def _error(values: np.ndarray) -> float:
-    """Standard error of the mean of rows of which one in `FORCE.memory` says something new, and what every such force is off by."""
+    """Standard error of the mean of rows of which one in `FORCE.memory` is independent, and what every such force is off by."""
     scatter = np.std(values) / np.sqrt(max(len(values) / FORCE.memory, 1.0))
     return float(np.sqrt(scatter**2 + FORCE.force**2 + (FORCE.relative * values.mean()) ** 2))

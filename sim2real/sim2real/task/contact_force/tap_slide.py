@@ -1,7 +1,7 @@
 """How fast an object comes to rest that was tapped: by friction over mass, where a push and a drag feel friction alone.
 
 The object leaves the tip where that slows down faster than friction slows the object. So it comes to rest at the farthest of all the places that
-it would reach from the tip, at the tip's speed: where it lies then says how fast it stopped. By its own weight alone it stops at mu g, whatever
+it would reach from the tip, at the tip's speed: where it lies then gives its deceleration. By its own weight alone it stops at mu g, whatever
 its mass; something else that presses it onto the table stops it sooner.
 """
 
@@ -46,7 +46,7 @@ class TapSlide:
 
 
 def fit_deceleration(of: Sequence[TapSlide]) -> float:
-    """m/s^2 that explain slides together, within what is told."""
+    """m/s^2 that explain slides together, within the given bounds."""
     return float(
         np.exp(minimize_scalar(lambda x: sum(one.short(np.exp(x)) ** 2 for one in of), bounds=np.log(SLIDE.slows)).x)
     )

@@ -34,7 +34,7 @@ def withhold_harmful_effects(
 ) -> CheckedPatch:
     """Of a patch and the recordings of one object that it was found in; all of it without any.
 
-    An effect is asked beside those that stay: with it, and without. The worst goes first, for two that are wrong may hide each other. Two
+    An effect is tested beside those that stay: with it, and without. The worst goes first, for two that are wrong may hide each other. Two
     engines differ by as much as an effect of usual size changes in a window, so only what is surely worse goes (`_worse`).
     """
     withheld: dict[str, ValueWithInterval] = {}

@@ -1,4 +1,4 @@
-"""What a patch is worth: the object's motion, predicted in MuJoCo as believed and with the patch, beside what was seen."""
+"""What a patch is worth: the object's motion, predicted in MuJoCo with the nominal set-up and with the patch, beside what was seen."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def prediction_errors(
     """px (n,) of all windows of recordings of one object, NaN of those that cannot be predicted.
 
     Each is the mean over frictions of the table, rougher by these shares, by which two engines differ: where a tip hops, a hundredth more or
-    less of it decides where the object goes, and one draw says nothing of the patch.
+    less of it decides where the object goes, and one draw is no evidence on the patch.
     """
     windows = [window for one in recordings for window in find_windows(one)]
     simulators = (WindowSimulator(recordings[0].domain, patch, camera, panda, more) for more in rougher)
@@ -62,8 +62,8 @@ def predict_motion(
     panda: PandaModel = NOMINAL,
     held_out: bool = False,
 ) -> MotionPrediction | None:
-    """Of recordings of one object; None where nothing of them can be predicted. A patch without effects removes nothing, and says how far off the
-    believed set-up is."""
+    """Of recordings of one object; None where nothing of them can be predicted. A patch without effects removes nothing, and shows how far off the
+    nominal set-up is."""
 
     def off(some: Patch) -> np.ndarray:
         return prediction_errors(recordings, some, camera, panda)
@@ -94,7 +94,7 @@ def estimate_removed_share(before: np.ndarray, after: np.ndarray) -> ValueWithIn
 
 def estimate_typical_removed_share(before: np.ndarray, after: np.ndarray) -> ValueWithInterval:
     """As `estimate_removed_share`, of the geometric mean of what is left of each window's error (n,): in it a window counts as much as any other, where a sum is
-    what a few of them say in which a tip hops."""
+    the result of a few in which a tip hops."""
     left = np.log(after / before)
     return _share_with_interval(np.exp(left.mean()), np.exp(left[_draw(len(left))].mean(axis=1)))
 

@@ -31,9 +31,9 @@ DAMPING = 2 * np.sqrt(0.2 * STIFFNESS)  # Nm s/rad
 class WindowSimulator:
     """A set-up with the effects of a patch, in which windows are predicted.
 
-    The hand is led along the way that was measured, softly, so that what it presses by is what its torques say: a stiff hand would
-    press by what two simulators' contacts give way. Contacts are steady, or a pressed tip that moves would hop. camera: that is believed in; panda: the arm with its own gap; rougher: share by which
-    the table's friction is more than the patch says.
+    The hand is led along the way that was measured, softly, so that it presses by the force of its torques: a stiff hand would
+    press by what two simulators' contacts give way. Contacts are steady, or a pressed tip that moves would hop. camera: the nominal one; panda: the arm with its own gap; rougher: share by which
+    the table's friction is more than in the patch.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
 """Why a picture shows things elsewhere: a camera that stands elsewhere, or one that is turned?
 
-Both show an object off by the same way, where it is. But a camera that is turned sees it from the same side as before, from where it is not:
+Both show an object off by the same way, where it is. But a turned camera shows it from the same side as before, at a place where it is not:
 its corners are then those of an object that is tilted, which one that lies flat is not.
 """
 
@@ -28,7 +28,7 @@ def prefer_rotation_over_translation(
     """rad (2,) about the base's x and y, by which a camera is turned that shows things off by m (2,), where that makes corners at rest more
     probable than a camera that stands elsewhere by as much; None where it does not.
 
-    poses (k, 3): x m, y m, yaw rad where the object is believed to lie; lift: m by which the table was felt to be higher.
+    poses (k, 3): x m, y m, yaw rad nominal pose of the object; lift: m by which the table was felt to be higher.
     """
     height = scene.surface + (np.abs(scene.face[:, 2]) * scene.half).sum(axis=1)
     place = np.array([*(np.median(poses[:, :2], axis=0) - off), lift + float(np.median(height))])

@@ -1,7 +1,7 @@
 """Where the hand meets the object against where it is seen: does the picture show things where they are?
 
-A tip that has pushed a face and rests on it knows where the face is. If the picture is off, it shows every face off by the same way in the base
-frame. What is outwards on every face is the object's size, or which part of the hand touches it, and not told: that differs by 6 mm between
+A tip that has pushed a face and rests on it measures where the face is. If the picture is off, it shows every face off by the same way in the base
+frame. What is outwards on every face is the object's size, or which part of the hand touches it, and is not reported: that differs by 6 mm between
 two engines, one of which has the finger's shaft touch a tall object before its tip does.
 """
 

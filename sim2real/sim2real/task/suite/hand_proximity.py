@@ -20,7 +20,7 @@ from sim2real.thresholds import THRESHOLDS
 
 STATIC, MOTION = THRESHOLDS.static_scene, THRESHOLDS.object_motion
 RATE = 100.0  # rows a second of the hand's way
-FIRST = 1.0  # s, of images that tell how the object lies
+FIRST = 1.0  # s, of images that show how the object lies
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ def hand_trajectory(recording: TaskRecording, camera: Camera = CAMERA, lift: flo
     """Of a recording of the task suite. lift: m by which the table was felt to be higher; camera: as it looks at that table (`seen.over`).
 
     The hand is near where the tip's end is no higher than `STATIC.above` over the object's top, and no farther than
-    `STATIC.beside` from the circle about the object. The housing is not asked: the suite lets it pass tall objects.
+    `STATIC.beside` from the circle about the object. The housing is not checked: the suite lets it pass tall objects.
     Raises ContractViolation where the object is not seen at first.
     """
     log, begin = recording.log, recording.seen_from

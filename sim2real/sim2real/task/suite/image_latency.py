@@ -1,6 +1,6 @@
-"""By how much images are late: an object that is pushed goes with the tip, whose way the joints tell.
+"""By how much images are late: an object that is pushed goes with the tip, whose path the joints give.
 
-Where it comes to rest says where on the tip's way it touches; how far behind that it is seen while both move is the delay.
+Where it comes to rest gives where on the tip's path it touches. How far behind that it is seen while both move is the delay.
 A scale of the picture that is off shows as another share of the way, and is fitted with it.
 
 Rows of a picture may be read one after another, so that how late an object is seen depends on where in the picture it is. The delay is that of the

@@ -18,7 +18,7 @@ def noise_variation_factor(track: KeypointTrack, stretches: Iterable[slice]) -> 
     """By which factor (one standard deviation of its logarithm, as a factor) the scatter of all corners together goes up and down within stretches
     of images in which the object rests; 1 where no more than each corner's own does.
 
-    A corner's own scatter has a memory, and goes up and down by chance. What corners have in common is told by what is left of it when each is
+    A corner's own scatter has a memory, and goes up and down by chance. What corners have in common is measured by what is left of it when each is
     taken from another time.
     """
     pieces = [piece for one in stretches if (piece := _sizes(track, one)) is not None]

@@ -18,7 +18,7 @@ GUESSED = 0.3  # score of a corner that is hidden, where too few others are seen
 
 
 def camera_over_table(camera: Camera, height: float) -> Camera:
-    """The camera as it looks at a table that is higher by m than believed: it is less high over it. Poses that are seen with it have right x and
+    """The camera as it looks at a table that is higher by m than nominal: it is less high over it. Poses that are seen with it have right x and
     y, and heights over the table."""
     x, y, z = camera.position
     return replace(camera, position=(x, y, z - height))

@@ -1,4 +1,4 @@
-"""Corners that the hand hides: what a detector says of them is a guess, and does not count."""
+"""Corners that the hand hides: what a detector reports of them is a guess, and does not count."""
 
 from __future__ import annotations
 

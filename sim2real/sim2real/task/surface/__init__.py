@@ -1,1 +1,1 @@
-"""The touch stage: where joint torque says that contact begins, against geometry."""
+"""The touch stage: where joint torque shows that contact begins, against geometry."""

@@ -1,4 +1,4 @@
-"""Table and object by touch: is the table higher, is it tilted, is the object of another height than it is believed to be?"""
+"""Table and object by touch: is the table higher, is it tilted, is the object's height not the nominal one?"""
 
 from __future__ import annotations
 
@@ -98,12 +98,12 @@ def _measure(recording: TaskRecording, tables, tops) -> MeasuredChanges:
 
 
 def _upright_edge(recording: TaskRecording) -> float:
-    """m: the object's edge that stands upright, as it is believed to be, by how it is seen to lie when it is touched."""
+    """m: the nominal length of the object's upright edge, by how it is seen to lie when it is touched."""
     return RestingObject.of(recording.domain, pose_at_start(recording, recording.named("touch_object")[0])).height
 
 
 def _held_out(tables, found: set[str]) -> tuple[float, float] | tuple[None, None]:
-    """Root mean square (m) by which a touch is off when the others say where the table is: by what is believed, and with what is named."""
+    """Root mean square (m) by which a touch is off when the others locate the table: with the nominal set-up, and with the named effects."""
     if len(tables) < 4:
         return None, None
     free = [k for k, effect in ((0, "table_height"), (1, "table_tilt"), (2, "table_tilt")) if effect in found]
