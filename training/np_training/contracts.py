@@ -2,7 +2,7 @@
 
     python -m np_training.contracts weights/*.safetensors
 
-It says of a file that it was trained with what the code defines today: observation, action, gains, contacts and the rest.
+It states that a file was trained with what the code defines today: observation, action, gains, contacts and the rest.
 Tensors stay as they are, bit for bit. The model card beside the file then names the sha256 of now and that of before; an
 .onnx beside a detector's weights gets the same contract, and their new sha256. A file that has a contract is left alone.
 """
@@ -32,7 +32,7 @@ def make_trained_contract(
     physics: PhysicsConfig | None = None,
     damping_floor: float = DAMPING_RATIO_MIN,
 ) -> PolicyContract:
-    """The contract of weights that the training writes now, with what only the training knows; physics: default the
+    """The contract of weights that the training writes now, with what only the training determines; physics: default the
     one in which the domain's policies are learned; damping_floor: least damping ratio of an action."""
     physics = physics or physics_for(LEARNED_IN[domain.contact.name])
     contract = PolicyContract.of(
@@ -48,7 +48,7 @@ def make_trained_contract(
 def contract_for(path: Path) -> Contract:
     """The contract of today for weights that have none: what they are is read off their metadata and name.
 
-    Raises WeightsError where neither says.
+    Raises WeightsError where neither states it.
     """
     metadata = read_metadata(path)
     if "training" in metadata:
@@ -65,7 +65,7 @@ def contract_for(path: Path) -> Contract:
 def add_contract(path: Path) -> bool:
     """Add a contract to a file of weights, and see to the card and the .onnx beside it; False where it has one already.
 
-    Raises WeightsError for a file that is missing or does not say what it is.
+    Raises WeightsError for a file that is missing or does not identify itself.
     """
     metadata = read_metadata(path)
     if KEY in metadata:

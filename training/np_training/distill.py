@@ -1,8 +1,8 @@
-"""Distil the pre-contact policy into the student that sees keypoints.
+"""Distil the pre-contact policy into the student that takes keypoints.
 
     python -m np_training.distill --checkpoint runs/card/checkpoint.pt --out runs/card --minutes 2
 
-The teacher sees poses; the student sees 16 keypoint and 16 goal coordinates and gives 6D rotation, position
+The teacher takes poses. The student takes 16 keypoint and 16 goal coordinates and gives 6D rotation, position
 and width, trained by mean squared error (paper) on fresh tasks with keypoint noise.
 """
 

@@ -4,7 +4,7 @@
 
 Takes checkpoint.pt, log.csv, config.json and evaluation.jsonl from the run's folder, the domain and its object from the
 checkpoint. training_DOMAIN.pt beside the weights is what `np_training.train --resume` goes on from. Weights for another object
-than the domain's own go into a folder of their own (`--weights`), which the nodes take when they are told (`weights:=FOLDER`).
+than the domain's own go into a folder of their own (`--weights`), which the nodes take with `weights:=FOLDER`.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from np_training.ppo.log import read_log
 from np_training.reports.curves import draw_curves, find_success
 from np_training.reports.words import task_label
 
-PHYSICS_STEPS = 20  # a policy step, where the configuration does not say
+PHYSICS_STEPS = 20  # a policy step, where the configuration does not set it
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class TrainingRun:
 
     @property
     def title(self) -> str:
-        """What it is called: by its domain, where the configuration says it, and its folder."""
+        """Its name: the domain, where the configuration has it, and the folder."""
         domain = self.config.get("setting", {}).get("domain", "")
         return f"Training of {self.path.name}" + (f" ({domain})" if domain not in ("", self.path.name) else "")
 

@@ -1,4 +1,4 @@
-"""What a checkpoint says that it was trained with: what evaluation, distillation and release have to share with the training."""
+"""The settings of the training that a checkpoint holds: evaluation, distillation and release have to use the same."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ UNSAID = {
     "contact": "soft",
     "damping_floor": DAMPING_RATIO_MIN,
 }
-"""What holds where a checkpoint does not say: those of the first versions did not."""
+"""Defaults for checkpoints that do not hold them: those of the first versions."""
 SETTING = (*UNSAID, "max_opening", "largest_turn")
 """What a training shares with distillation, evaluation and release. damping_floor: least damping ratio of an action."""
 WEIGHTS, RESULTS = Path("weights"), Path("docs/results")  # where a release goes

@@ -1,4 +1,4 @@
-"""What `np_training.train` can be told, and what it does where it is not told."""
+"""The options of `np_training.train` and their defaults."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ def measure(physics: BatchedPhysics, one: Callable[[], int], seconds: float) -> 
         rounds += 1
         _wait(physics)
         spent = time.perf_counter() - begin
-        # Read between the clock's stops: the answer comes from the device.
+        # Read between the clock's stops: the read waits for the device.
         contacts += physics.overflow()["contacts"] / physics.worlds
         begin = time.perf_counter() - spent
     return Rate(periods * physics.config.substeps * physics.worlds / spent, rounds, contacts / rounds)

@@ -32,7 +32,7 @@ DEPTHS = {"as trained": (None, None), "converged": (100, 50)}  # iterations, lin
 
 
 def compare_solvers(arguments: argparse.Namespace) -> Iterator[dict]:
-    """The figures that are asked for, a dictionary after each part, so that a run cut short keeps what it had."""
+    """The requested figures, a dictionary after each part, so that a run cut short keeps what it had."""
     setups = {name: setup(arguments, name == "fused") for name in SOLVERS}
     if "agreement" in arguments.parts:
         trainer = make_trainer(

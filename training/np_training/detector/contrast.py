@@ -19,7 +19,7 @@ from np_training.detector.network import KeypointNetwork, descend
 @dataclass(frozen=True)
 class ContrastConfig:
     """weight of the InfoNCE loss beside the heatmaps'; size of the features; queue: number of keys that an
-    image is told apart from; temperature; momentum of the keys' encoder."""
+    image is contrasted with; temperature; momentum of the keys' encoder."""
 
     weight: float = 0.1
     size: int = 64

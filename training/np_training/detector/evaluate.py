@@ -4,7 +4,7 @@
 
 Three sets: `nominal`, the scene as the bridge draws it, by OpenGL; `shifted`, by OpenGL, with table patterns
 never used in training, other lights and colours, and the camera within 2 cm and 2 degrees of its place;
-`ray_caster`, the nominal scene by MuJoCo Warp's ray caster, one ray a pixel. If asked for, `meshes`: the scenes of `nominal`
+`ray_caster`, the nominal scene by MuJoCo Warp's ray caster, one ray a pixel. If requested, `meshes`: the scenes of `nominal`
 with the arm as it looks (`make meshes`). With --episodes, three fifths of the
 states are ones that the released policies pass through
 (`np_training.evaluate --released DOMAIN --conditions paper --record FILE`). Writes

@@ -2,7 +2,7 @@
 
     python -m np_training.detector.export weights/keypoint_detector_card.safetensors
 
-Writes the .onnx beside the weights, with their contract and sha256, and checks that both give the same answer. Needs onnx,
+Writes the .onnx beside the weights, with their contract and sha256, and checks that both give the same output. Needs onnx,
 onnxscript.
 """
 

@@ -1,4 +1,4 @@
-"""Trained weights as a network of ONNX Runtime, with their contract and sha256, that gives the same answer."""
+"""Trained weights as a network of ONNX Runtime, with their contract and sha256, that gives the same output."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def load_weights(path: Path) -> tuple[KeypointNetwork, dict]:
 
 def export(weights: Path) -> Path:
     """Write the .onnx beside `weights` (.safetensors) and return its path. Raises WeightsError if their
-    answers differ."""
+    outputs differ."""
     network, record = load_weights(weights)
     module = Deployed(network).eval()
     example = torch.randint(

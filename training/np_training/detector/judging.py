@@ -132,7 +132,7 @@ def evaluate(
 
 
 def judge_released(options: argparse.Namespace) -> dict:
-    """Figures of the detector that the command line names; they and its sheet go where it says."""
+    """Figures of the detector that the command line names; they and its sheet go to the named folder."""
     torch.set_num_threads(1)
     options.out.mkdir(parents=True, exist_ok=True)
     domain = domain_with(options.domain, options.object)

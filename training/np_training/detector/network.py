@@ -101,7 +101,7 @@ class KeypointNetwork(nn.Module):
             x = self.merge[i](levels[i] + x)
         logits = functional.pixel_shuffle(self.heatmap(x), 2).float()
         peak = find_peak(logits)
-        # The score is read off its map, at a quarter of the resolution, where the keypoint is believed to be.
+        # The score is read off its map, at a quarter of the resolution, where the keypoint is estimated.
         cell = torch.div(peak, 4, rounding_mode="floor")
         cell = cell[..., 0] * scores.shape[3] + cell[..., 1]
         score_logits = scores.flatten(2).gather(2, cell[..., None])[..., 0]

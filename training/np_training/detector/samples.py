@@ -17,7 +17,7 @@ from np_training.detector.scenes import sample_states, tumble_objects
 from np_training.detector.visited import mix_visited
 
 KEPT = 16  # batches of renderings, where each is used more than once
-LEAST_AREA = 12.0  # px of the object: below it, where the corners are cannot be asked
+LEAST_AREA = 12.0  # px of the object: below it the corners cannot be located
 
 
 @dataclass(frozen=True)

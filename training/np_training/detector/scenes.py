@@ -148,7 +148,7 @@ def tumble_objects(domain: Task, states: torch.Tensor, share: float, generator: 
     """`states` (n, 16), in a share of which the object lies on any of its faces, at any yaw, as low as it was.
 
     In its tasks an object lies in one way on top of an obstacle, and so it does in episodes that go well; where it has tipped otherwise a
-    detector that never saw it lie so finds nothing.
+    detector that was not trained on this pose finds nothing.
     """
     count = len(states)
     quarters = torch.randint(0, 4, (2, count), generator=generator, device=generator.device) * (pi / 2)

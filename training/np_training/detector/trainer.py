@@ -122,7 +122,7 @@ class DetectorTrainer:
         }
 
     def forward(self, network: KeypointNetwork, images: Tensor):
-        """The network's answer, in bfloat16 on a GPU."""
+        """The network's output, in bfloat16 on a GPU."""
         with self._precision():
             return network(images.contiguous(memory_format=torch.channels_last))
 
@@ -191,7 +191,7 @@ class DetectorTrainer:
         self.average.load_state_dict(network.state_dict())
 
     def record(self, **more) -> dict:
-        """What a model card says of the training."""
+        """What a model card states of the training."""
         gpu = torch.cuda.get_device_name(self.device) if self.device.type == "cuda" else "CPU"
         return {
             "domain": self.domain.name,

@@ -1,4 +1,4 @@
-"""A run of the detector's training, as its command line asks for."""
+"""A run of the detector's training, as its command line requests."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from np_training.detector.samples import SampleConfig
 from np_training.detector.trainer import DetectorConfig, DetectorTrainer
 from np_training.detector.visited import load_visited
 
-FLAGS = ("no_contrast", "keep_background", "always_background")  # what the record of a training says was given
-DEFAULTED = ("batch", "rate", "pool", "held_out")  # by TrainConfig, where the command line does not say
+FLAGS = ("no_contrast", "keep_background", "always_background")  # flags that the record of a training holds
+DEFAULTED = ("batch", "rate", "pool", "held_out")  # by TrainConfig, where the command line does not set them
 WARM_UP_STREAM = 999_979  # of random numbers
 
 
@@ -77,14 +77,14 @@ def append_row(path: Path, row: dict) -> None:
 
 def augmentation_for(keep: bool, always: bool) -> Augmentation:
     """What is replaced of background and table: nothing (keep), everything, by a colour or a texture with equal odds (always, the
-    paper), or, where neither is said, 60 % of the images."""
+    paper), or, where neither is given, 60 % of the images."""
     if keep:
         return Augmentation(coloured=0.0, textured=0.0)
     return Augmentation(coloured=0.5, textured=0.5) if always else Augmentation()
 
 
 def run(options: argparse.Namespace, began: float) -> dict:
-    """The held-out figures of what the command line asks for; began: s, of time.monotonic, from which its minutes count."""
+    """The held-out figures of the requested training; began: s, of time.monotonic, from which its minutes count."""
     options.out.mkdir(parents=True, exist_ok=True)
 
     def say(text: str) -> None:
@@ -117,7 +117,7 @@ def run(options: argparse.Namespace, began: float) -> dict:
         **vars(options),
         **{name: getattr(config, name) for name in DEFAULTED},
         **{name: file and file.name for name, file in (("episodes", options.episodes), ("start", options.start))},
-    }  # the folder says nothing elsewhere
+    }  # the folder means nothing elsewhere
     command = " ".join(
         [
             *([f"--sizes {options.sizes[0]:g} {options.sizes[1]:g}"] if options.sizes else ()),

@@ -1,4 +1,4 @@
-"""States that episodes of the trained policies pass through: what the deployed camera sees most of the time."""
+"""States that episodes of the trained policies pass through: what the deployed camera shows most of the time."""
 
 from __future__ import annotations
 

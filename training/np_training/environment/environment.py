@@ -55,7 +55,7 @@ class Environment:
         self.tips = torch.zeros(
             n, dtype=torch.long, device=device
         )  # quarter turns from the start's upper face to the goal's
-        # What the pre-contact policy saw and did for the episode of each world, and how probable it was.
+        # The pre-contact policy's observation and action for the episode of each world, and the action's probability.
         self.pre_state = torch.zeros(n, PRE_STATE_SIZE, device=device)
         self.pre_action = torch.zeros(n, contact.SIZE, device=device)
         self.pre_log_probability = torch.zeros(n, device=device)
@@ -85,7 +85,7 @@ class Environment:
         return Measures(distance, angle, (hand - objects.position).norm(dim=-1), apart)
 
     def observe(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """What the policy sees (n, 79), with sensor noise, and what only the critic sees beside it (n, 29)."""
+        """The policy's observation (n, 79), with sensor noise, and the critic's further one (n, 29)."""
         c = self.config.conditions
         q = self.physics.seen_q + c.joint_noise * self._normal(self.config.worlds, 9)
         dq = self.physics.seen_dq + c.velocity_noise * self._normal(self.config.worlds, 9)
@@ -107,7 +107,7 @@ class Environment:
 
     def _seen_corners(self, objects: Poses) -> torch.Tensor:
         """Corners (n, 8, 3) m where the camera shows them, for objects as they are seen: as old as the image, and off by as much
-        as the camera is off from where it is said to be."""
+        as the camera is off from its nominal pose."""
         points = corners(self.domain, objects)
         points = self._past.at(points, self.draws.image_age) if self._is_late else points
         return self.draws.show_by_camera(self.config.conditions, points)

@@ -1,4 +1,4 @@
-"""Which corners of the object the camera sees past the arm: what is hidden from it no detector finds.
+"""Which corners of the object the arm does not hide from the camera: no detector finds a hidden one.
 
 A card below an upright hand shows no corner at all, and with two of them in sight the detector places all eight
 (run diaries at the tag lab-notebook-2026-11). Lines of sight are held against the capsules and boxes that the scene draws; no image is rendered.

@@ -33,7 +33,7 @@ class _Draws:
 
 
 class BatchedView:
-    """Where the corners of objects are found by a camera that is believed to be CAMERA. age: s by which images are late."""
+    """Where the corners of objects are found by a camera whose nominal model is CAMERA. age: s by which images are late."""
 
     def __init__(self, patch: Patch = Patch()) -> None:
         self._effects = [(e.definition, e.values) for e in patch.camera.effects]

@@ -155,7 +155,7 @@ def load_released_networks(domain: str) -> tuple[ActorCritic, dict, None]:
 
 
 def choose_judged_rows(arguments: argparse.Namespace) -> list[Judged]:
-    """What the command line asks for: a recipe's rows, or sets of conditions with its changes. Raises ValueError."""
+    """What the command line requests: a recipe's rows, or sets of conditions with its changes. Raises ValueError."""
     if arguments.recipe:
         return list(read_recipe(arguments.recipe).judge)
     changes = parse_changes(arguments.set)
@@ -164,9 +164,9 @@ def choose_judged_rows(arguments: argparse.Namespace) -> list[Judged]:
 
 
 def evaluate_all(arguments: argparse.Namespace, effects: Patch, refuse: Callable[[str], NoReturn]) -> Iterator[str]:
-    """The line of JSON of each condition that the command line asks for, with an arm that has these effects.
+    """The line of JSON of each condition that the command line requests, with an arm that has these effects.
 
-    refuse: told, in a line, what checkpoint and command line do not have together.
+    refuse: called with a line on what checkpoint and command line do not have together.
     """
     networks, setting, steps = (
         load_released_networks(arguments.released) if arguments.released else read_checkpoint(arguments.checkpoint)

@@ -26,7 +26,7 @@ from np_training.physics.varied_model import FIELDS, VariedModel
 
 wp.config.log_level = (
     wp.LOG_WARNING
-)  # else a line for each of some fifty modules; `train_stage` says when all are there
+)  # else a line for each of some fifty modules; `train_stage` reports when all are there
 CAPACITY = (
     mjw.OverflowType.NEFC
     | mjw.OverflowType.NJMAX_NNZ
@@ -47,7 +47,7 @@ class BatchedPhysics:
     noise (worlds, 7) Nm; fingers (worlds,) m; over (2, worlds, 7): physics steps of the last period beyond
     the limits of joint velocity, and of torque as commanded; peak (2, worlds, 7): the largest shares of them; margin (worlds,):
     share of the data sheet's joint velocity that counts as the limit, and of its torque; applied (worlds, 7) Nm: torque of the last step; seen_q rad, m, seen_dq (worlds, 9):
-    what the sensors say of joints and fingers; varied: what worlds differ in; forces: what the robot feels. Raises ValueError for an object that is not rigid.
+    what the sensors measure of joints and fingers; varied: what worlds differ in; forces: what the robot feels. Raises ValueError for an object that is not rigid.
     """
 
     def __init__(self, domain: Task, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
@@ -103,7 +103,7 @@ class BatchedPhysics:
             wp.to_torch(a) for a in (self._command, self._delay, self._noise, self._over, self._peak, self._margin)
         )
         self._effects = batched_effects(config.effects, config.timestep, device)
-        # What the sensors say of joints and fingers, which the control law and the policies go by: the truth itself without them.
+        # What the sensors measure of joints and fingers, the input of the control law and the policies; without effects the true state.
         self.seen_q, self.seen_dq = self.qpos[:, :9], self.qvel[:, :9]
         self._seen = [d.qpos, d.qvel]
         if self._effects is not None:
@@ -212,7 +212,7 @@ class BatchedPhysics:
 
     @property
     def _is_fresh(self) -> torch.Tensor:
-        """Worlds (worlds, 1) that drives and sensors remember otherwise than they are: they were just placed anew."""
+        """Worlds (worlds, 1) that were just placed anew: the memory of their drives and sensors does not fit their state."""
         return (self._since < round(REMEMBERED / self.config.timestep))[:, None]
 
     def _sense(self) -> None:

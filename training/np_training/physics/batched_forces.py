@@ -200,7 +200,7 @@ class BatchedForces:
         )
 
     def place(self, where: torch.Tensor) -> None:
-        """Forget what was felt in the worlds `where` (n,), which begin anew at rest."""
+        """Clear the forces of the worlds `where` (n,), which begin anew at rest."""
         self.filtered[where], self.velocity[where] = 0.0, 0.0
         self.apart[where] = self._apart_steps
 

@@ -106,7 +106,7 @@ def _launch(kernel: wp.Kernel, like: torch.Tensor, inputs: list, outputs: list[t
     stream = None
     if device.is_cuda:
         current = torch.cuda.current_stream(like.device)
-        # Warp forgets its own stream when a second wrapper of it, made from PyTorch's, goes.
+        # Warp drops its own stream when a second wrapper of it, made from PyTorch's, is destroyed.
         if current.cuda_stream != device.stream.cuda_stream:
             stream = wp.stream_from_torch(current)
     dtypes = {2: None, 3: wp.mat33}

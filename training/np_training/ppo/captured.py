@@ -42,7 +42,7 @@ class Captured:
             return
         if kept.graph is None:
             kept.graph = torch.cuda.CUDAGraph()
-            # Other threads go on: those of messages between processes ask the device whether one has arrived.
+            # Other threads go on: those of messages between processes poll the device for arrivals.
             with torch.cuda.graph(kept.graph, capture_error_mode="thread_local"):
                 self.function(*kept.inputs)
         kept.graph.replay()

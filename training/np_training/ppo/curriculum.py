@@ -18,7 +18,7 @@ class CurriculumConfig:
     """How success moves the curriculum."""
 
     residual: bool = True
-    """Whether it starts with loose limits (paper); else all stages have zeta*, for a policy that knows its task."""
+    """Whether it starts with loose limits (paper); else all stages have zeta*, for a policy that is trained on its task."""
     advance_at: float = 0.8
     """Success that ends a stage (paper: that tightens the limits)."""
     growth: int = 10

@@ -1,4 +1,4 @@
-"""The pre-contact policy distilled into the student that sees keypoints."""
+"""The pre-contact policy distilled into the student that takes keypoints."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Student:
         view: BatchedView = BatchedView(),
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """T_E position (n, 3) m, rotation (n, 3, 3) and opening (n,) m that it chooses for tasks, as the node does: for an object of
-        another size than it knows, see np_policy.size_generalization. noise: of keypoints, a standard deviation (n, 1, 1); view: by which objects are seen."""
+        another size than those trained with, see np_policy.size_generalization. noise: of keypoints, a standard deviation (n, 1, 1); view: by which objects are seen."""
         known = find_trained_domain(domain, self.object, self.sizes)
         if known is None:
             return hand_pose.decode(self.network(student_input(domain, objects, goals, noise, view)))
@@ -130,7 +130,7 @@ def distil(
     student = student.to(device)
 
     def sample(shares: tuple[float, ...]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Keypoints, goal keypoints and what the teacher answers, of a batch of fresh tasks."""
+        """Keypoints, goal keypoints and the teacher's actions, of a batch of fresh tasks."""
         tasks = draw_tasks(domain, shares, batch, generator, sizes)
         objects, goals = tasks.starts, tasks.goals
         with torch.no_grad():
@@ -141,7 +141,7 @@ def distil(
     begin, step, share = time.monotonic(), 0, 0.0
     learned, own = shares_with(domain, practice), shares_with(domain, 0.0)
     pool = [torch.cat(parts) for parts in zip(*(sample(learned) for _ in range(POOL)))]
-    # Differences below the noise's root mean square, over levels from 0 to the largest, say nothing.
+    # Differences below the noise's root mean square, over levels from 0 to the largest, carry no information.
     whiten = Whitening.of(student_observation(*pool[:2]), KEYPOINT_NOISE / 3**0.5)
     if begin_with is not None:
         whiten.take_from(student.net[0])
@@ -180,7 +180,7 @@ def distil(
 
 
 def distil_checkpoint(arguments: argparse.Namespace, refuse: Callable[[str], NoReturn]) -> dict:
-    """Distil the checkpoint that the command line names; what its last line says. refuse: told, in a line, of an object that the
+    """Distil the checkpoint that the command line names; returns the content of its last line. refuse: called with a line on an object that the
     domain has not."""
     state = read_state(arguments.checkpoint, arguments.device)
     setting = setting_of(state)

@@ -1,7 +1,7 @@
 """Training on several devices, one process each, started by `torchrun`.
 
 Every process simulates worlds of its own; gradients, statistics and decisions are sums over all of them. A
-process alone gets the same answers without a message: every function here is then the identity.
+process alone gets the same results without a message: every function here is then the identity.
 """
 
 from __future__ import annotations

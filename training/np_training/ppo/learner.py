@@ -38,7 +38,7 @@ def advantages(
 
 @dataclass(frozen=True)
 class PolicySamples:
-    """Samples (n, ...): what the policy saw, what its critic saw, what was done and how probable that was (n,), how much better
+    """Samples (n, ...): the policy's observation, its critic's, the action and its probability (n,), how much better
     than expected it went (n,) and what came of it (n,)."""
 
     state: torch.Tensor
@@ -124,7 +124,7 @@ class Learner:
         *columns, old_mean, old_std, share = tensors
         batch = PolicySamples(*columns)
         normal = distribution(self.policy, batch.state)
-        # Far beyond the clip the ratio says nothing more, and exp would overflow: infinity times an advantage of 0 is NaN.
+        # Far beyond the clip the ratio has no effect, and exp would overflow: infinity times an advantage of 0 is NaN.
         log_ratio = normal.log_prob(batch.action).sum(-1) - batch.log_probability
         ratio = log_ratio.clamp(-LARGEST_LOG_RATIO, LARGEST_LOG_RATIO).exp()
         clipped = ratio.clamp(1 - self.config.clip, 1 + self.config.clip)

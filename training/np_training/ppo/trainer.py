@@ -139,7 +139,7 @@ class Trainer:
         return self._row(distributed.total(sums, env.device)) | _force_figures(torch.cat(forces)) | update
 
     def _observe(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """What the policy sees (n, 79), and its critic (n, 108)."""
+        """Observations of the policy (n, 79) and of its critic (n, 108)."""
         state, privileged = self.environment.observe()
         return state, torch.cat([state, privileged], -1)
 

@@ -107,7 +107,7 @@ def check_same_run(state: dict, trainer: Trainer, found: Path | None) -> None:
 
 
 def write_config(trainer: Trainer, path: Path) -> None:
-    """What a report says of a run beside its log."""
+    """Write what a report needs of a run beside its log."""
     parts = {
         "environment": trainer.environment.config,
         "train": trainer.config,
@@ -129,7 +129,7 @@ def write_config(trainer: Trainer, path: Path) -> None:
 
 
 def run(arguments: argparse.Namespace, device: str) -> dict:
-    """Train through the recipe's stages, for the time or the iterations given at most; returns what the last line says."""
+    """Train through the recipe's stages, for the time or the iterations given at most; returns the content of the last line."""
     begin = time.monotonic()
     torch.backends.cuda.matmul.allow_tf32 = True
     state, source = find_state(arguments, device)

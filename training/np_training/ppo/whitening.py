@@ -1,7 +1,7 @@
 """Inputs of equal spread without correlation, for a network's training: x' = A (x - m), A = (C + e^2 I)^(-1/2).
 
 Corners of one object move together: half of their directions have less than 2e-4 of the largest variance (the bump, sizes 0.8 to 1.2),
-and gradient descent on raw inputs takes long to use them. The map is linear, so the trained network takes it up in its first layer, and its users know nothing of it.
+and gradient descent on raw inputs takes long to use them. The map is linear, so the trained network absorbs it in its first layer, and users do not apply it.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ class Whitening:
 
     @classmethod
     def of(cls, inputs: torch.Tensor, floor: float) -> Whitening:
-        """Of inputs (k, n) whose differences below a standard deviation of `floor` say nothing."""
+        """Of inputs (k, n) whose differences below a standard deviation of `floor` carry no information."""
         inputs = inputs.double()
         variances, axes = torch.linalg.eigh(torch.cov(inputs.T))
         matrix = axes * (variances.clamp(min=0) + floor**2).rsqrt() @ axes.T
         return cls(inputs.mean(0), matrix)
 
     def __call__(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Inputs (..., n) as the network sees them in training; their own type."""
+        """Inputs (..., n) as the network receives them in training; their own type."""
         return (inputs - self.mean.to(inputs)) @ self.matrix.to(inputs)
 
     def put_before(self, layer: nn.Linear) -> None:

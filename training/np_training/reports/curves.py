@@ -71,7 +71,7 @@ def _success(ax: Axes, rows: Rows) -> None:
     names = sorted({name for row in rows for name in row if name.startswith("success_") and name != "success_mean"})
     own = [name for name in names if name[len("success_") :].startswith(GROUPS)]
     steps, practised = column(rows, "steps") / 1e6, column(rows, "practice") > LEAST_PRACTICE
-    # Each kind of practice in grey, behind: how they rise tells more than which is which.
+    # Each kind of practice in grey, behind: how they rise matters more than which is which.
     for number, name in enumerate(name for name in names if name not in own):
         values = np.where(practised, column(rows, name), np.nan)
         label = None if number else "practice, each kind"

@@ -221,7 +221,7 @@ def release(
 
 
 def release_run(arguments: argparse.Namespace, refuse: Callable[[str], NoReturn]) -> dict:
-    """Release the run that the command line names; what its last line says. refuse: told, in a line, why it cannot be released."""
+    """Release the run that the command line names; returns the content of its last line. refuse: called with a line on why it cannot be released."""
     try:
         run, state = read_run(arguments.run), read_state(arguments.run / "checkpoint.pt", "cpu")
     except ValueError as error:

@@ -41,7 +41,7 @@ def groups(domain: Task, tips: torch.Tensor, goal_position: torch.Tensor) -> dic
 
 
 def groups_of_tasks(domain: Task, starts: Poses, goals: Poses) -> dict[str, torch.Tensor]:
-    """`groups` of tasks (n,), and where the domain says how far a goal is turned turn45, turn90, ...: by more than the one before and
+    """`groups` of tasks (n,), and where the domain sets how far a goal is turned turn45, turn90, ...: by more than the one before and
     by up to so many degrees."""
     masks = groups(domain, quarter_tips(starts, goals), goals.position)
     if domain.goal_yaw is not None:

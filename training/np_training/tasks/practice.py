@@ -1,6 +1,6 @@
 """Practice: tasks easier than the domain's own among these, each a piece or a milder form of what they take.
 
-Which kinds there are is said in the task's file (card, bump, wall). How often each is drawn follows from how well it succeeds
+The task's file (card, bump, wall) defines the kinds. How often each is drawn follows from how well it succeeds
 (`curriculum.Curriculum.shares`), so that their grades are climbed as fast as they are learned. A lowered obstacle is the same
 one, sunk into the table; goals on it sink with it.
 """

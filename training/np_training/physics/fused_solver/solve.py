@@ -100,7 +100,7 @@ def step_fused(m: mjw.Model, d: mjw.Data) -> None:
 
 
 def choose_step(m: mjw.Model, d: mjw.Data, fused: bool) -> Callable[[mjw.Model, mjw.Data], None]:
-    """The physics step for a scene: `step_fused` if wanted and possible, else `mujoco_warp.step`, with a line in the log."""
+    """The physics step for a scene: `step_fused` if requested and possible, else `mujoco_warp.step`, with a line in the log."""
     if not fused:
         return mjw.step
     if why := misfit(m, d):
