@@ -1,4 +1,4 @@
-"""What is published says the same wherever the repository lies."""
+"""Published text is the same wherever the repository lies."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ SCHEMA = 1
 
 
 class SealError(ValueError):
-    """A key whose hash is not the committed one; says what was expected and what came."""
+    """A key whose hash is not the committed one; the message gives what was expected and what came."""
 
 
 def digest(key: str) -> str:
@@ -53,7 +53,7 @@ def check_hash(key: str, path: Path = KEYS) -> str:
 def check_diagnosis_code(out: Path, is_locked: bool) -> str:
     """SHA-256 over the code of sim2real, written to `out` by the first call.
 
-    Raises SealError where `out` of a locked set holds answers of other code.
+    Raises SealError where `out` of a locked set holds reports of other code.
     """
     code = hashlib.sha256()
     for package in ("sim2real",):

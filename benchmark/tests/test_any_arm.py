@@ -134,7 +134,7 @@ def test_a_command_that_the_guards_cut_is_no_error_of_the_law(log):
     for n, row in enumerate(asked):
         before, _ = limit_torque(LIMITS, row, before, log.position[n], log.velocity[n])
         cut[n] = before
-    # The law asked for it: its target moves as far as that takes.
+    # The law commanded it: its target moves as far as that takes.
     target = c.target + (asked - c.torque) / c.stiffness
     limited = replace(log, commands=replace(c, target=target, torque=cut))
     found = make_drive([limited], ARM)

@@ -27,7 +27,7 @@ from np_description.phases import EXCITE, PhaseState
 from np_record.bag import Recording
 from np_record.recorded_phases import read_phase
 
-ONLY = ["sinusoid_2", "sinusoid_4", "triangle_fast"]  # the doctor asks for ten blocks of motion
+ONLY = ["sinusoid_2", "sinusoid_4", "triangle_fast"]  # the diagnosis requires ten blocks of motion
 COUNT = 3
 TOPICS = ["joint_states", "motor_states", "effort_command", "applied_command", "joint_trajectory", "episode/tick"]
 KEYS = {

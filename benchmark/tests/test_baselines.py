@@ -99,7 +99,7 @@ def test_figures_have_the_doctors_keys_and_stand_beside_them(tmp_path):
     for folder in folders:
         others.identify(tmp_path, folder, f"{shlex.quote(sys.executable)} -c {shlex.quote(FAKE)}", 60.0)
         assert (folder / "baselines" / "error.txt").read_text() == ""
-    # One baseline goes wrong in one case, and says something in another.
+    # One baseline fails in one case, and prints something in another.
     (folders[0] / "baselines" / "paper" / "patch.yaml").write_text("nothing")
     patch = Patch((PatchEffect("armature", JOINT_NAMES[2], {"inertia": 0.2}),))
     (folders[1] / "baselines" / "paper" / "patch.yaml").write_text(dump_patch(patch))

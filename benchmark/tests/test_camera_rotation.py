@@ -1,4 +1,4 @@
-"""A picture that is off: is the camera elsewhere, or does it look elsewhere? Corners of an object at rest tell, by cameras written apart."""
+"""A picture that is off: is the camera elsewhere, or does it look elsewhere? Corners of an object at rest decide, by cameras written separately."""
 
 import numpy as np
 import pytest

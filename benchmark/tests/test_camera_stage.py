@@ -1,4 +1,4 @@
-"""The view stage: what is off is found again and within its interval, what cannot be told is not, and nothing is named where nothing is."""
+"""The view stage: what is off is found again and within its interval, what cannot be distinguished is not, and nothing is named where nothing is."""
 
 import json
 from dataclasses import replace
@@ -111,7 +111,7 @@ def test_how_it_lies_is_told_from_its_corners(domain):
             assert np.allclose(way.pose[:2], pose.position[:2], atol=0.08)
 
 
-# Each with either object: what they tell differs in what both effects and objects are, flat or high.
+# Each with either object: what they show depends on the effect and on the object, flat or high.
 @pytest.mark.parametrize(("effect", "domain"), [*zip(GAPS, [CARD, BUMP] * 4)])
 def test_what_is_off_is_found_within_its_interval(effect, domain):
     rng = np.random.default_rng([7, list(GAPS).index(effect), domain is CARD])
@@ -157,7 +157,7 @@ def test_the_centre_of_the_image_and_a_bias_of_corners_are_one():
     ids=["height", "camera's height", "tilt", "camera's turn"],
 )
 def test_without_a_measured_pose_table_and_camera_are_a_class(truth, members, experiment):
-    """A camera that is lower sees what it would if the table were higher: where the object was put down nobody has told."""
+    """A lower camera gives the same image as a higher table: the object's pose was not given."""
     sharp = replace(UNMEASURED, own=0.15, shared=0.05)
     found = diagnose_camera(places(CameraCase(truth, sharp, BUMP, 14), np.random.default_rng(10)))
     assert found.verdict == "ambiguous", found.abstention_reason

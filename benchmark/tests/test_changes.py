@@ -58,7 +58,7 @@ def test_effects_come_in_every_joint_where_they_show_and_sizes_begin_below_the_l
 
 @pytest.mark.parametrize("which", ["development", WHICH])
 def test_a_drive_that_is_cut_holds_its_arm_up_and_shows_it(which):
-    """Joints 1, 6 and 7: what the suite asks of the others is too near to their weight."""
+    """Joints 1, 6 and 7: the suite's torque on the others is too near to their weight."""
     cases = [case for k in range(12) for case in draw_cases(200, 900 + k, which)]
     cut = [f for case in cases for f in (*case.faults, *case.always) if f.effect == "torque_saturation"]
     assert {f.joint + 1 for f in cut} == {1, 6, 7}

@@ -1,4 +1,4 @@
-"""The second recording of the blind test: made where it is asked for, of the same arm, and judged
+"""The second recording of the blind test: made where it is requested, of the same arm, and judged
 strictly."""
 
 import json
@@ -63,7 +63,7 @@ def test_the_second_recording_is_of_the_same_arm_with_other_noise(tmp_path):
         one, other = logs
         assert one.time[-1] == pytest.approx(other.time[-1])
         noise = one.torque - other.torque
-        # The same fault: friction of the wrist agrees far better than the noise of a single reading.
+        # The same fault: friction of the wrist differs far less than the noise of a single reading.
         moving = np.abs(one.velocity[:, 6]) > 0.1
         direction = np.sign(one.velocity[moving, 6])
         level = [(log.torque[moving, 6] * direction).mean() for log in logs]

@@ -1,4 +1,4 @@
-"""What keeps the doctor honest: intervals that know rival structures, patches that were tried, and what is odd.
+"""Checks of the diagnosis on itself: intervals that include rival structures, patches that were tried, and what is odd.
 
 On recordings of arms whose truth is known: a short one for the torque domain, and bags of the blind test's arms.
 """
@@ -98,7 +98,7 @@ def test_noise_never_goes_so_far_and_a_drive_that_drops_out_does(searches):
 
 
 def test_an_interval_holds_what_a_rival_structure_says(stuck):
-    """Two structures predict nearly alike; what they say of a parameter differs, and either's interval knows of it."""
+    """Two structures predict nearly alike; their estimates of a parameter differ, and either's interval includes the difference."""
     search = ModelSearch(stuck.design)
     plain, rival = number(search, "coulomb_friction"), number(search, "armature")
     joints, alone, both = (STUCK,), (plain,), (plain, rival)
@@ -111,7 +111,7 @@ def test_an_interval_holds_what_a_rival_structure_says(stuck):
     own, other = (between_model_deviations(search, joints, inside, plain, 0)["level"] for inside in (alone, both))
     assert 0 < own < abs(levels[1] - levels[0]) and other > 0
     assert np.hypot(own, other) == pytest.approx(abs(levels[1] - levels[0]), rel=1e-2)  # their weights add up to one
-    # The one can say what the other says: nothing is learnt from both.
+    # The one contains the other: both together add nothing.
     search = ModelSearch(stuck.design)
     for inside in (alone, (plain, number(search, "asymmetric_coulomb_friction"))):
         search.group(joints, inside)

@@ -1,4 +1,4 @@
-"""Sealed sets that another doctor answers again: what is better, what is worse, and what is chance."""
+"""Sealed sets that another version diagnoses again: what is better, what is worse, and what is chance."""
 
 import json
 

@@ -73,8 +73,8 @@ def test_a_right_answer():
     [
         ([effect("viscous_friction")], False),
         ([effect("coulomb_friction", "panda_joint4")], False),
-        ([effect("presliding_friction", equivalent=["coulomb_friction"])], True),  # a class, and it says so
-        ([effect("presliding_friction")], False),  # a class, but a lucky member named alone
+        ([effect("presliding_friction", equivalent=["coulomb_friction"])], True),  # a class, reported as one
+        ([effect("presliding_friction")], False),  # a class, but one member named alone
         ([effect("viscous_friction", equivalent=["coulomb_friction"])], False),  # no class holds both
         ([effect("coulomb_friction", added=False)], False),
         ([], False),

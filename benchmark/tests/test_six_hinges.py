@@ -1,4 +1,4 @@
-"""The blind test's arm of six hinges: its model file and its physics say the same, and its sets are run like the others."""
+"""The blind test's arm of six hinges: its model file and its physics match, and its sets are run like the others."""
 
 import json
 import shlex

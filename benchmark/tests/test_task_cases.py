@@ -1,4 +1,4 @@
-"""The task set: its key, how answers are judged, and recordings of its simulated reality."""
+"""The task set: its key, how reports are judged, and recordings of its simulated reality."""
 
 import json
 from functools import partial

@@ -1,4 +1,4 @@
-"""The chain's blind set on many processes: what is there is kept, a case that loses its worker costs nobody else's, answers do not depend on it."""
+"""The chain's blind set on many processes: what is there is kept, a case that loses its worker costs nobody else's, results do not depend on it."""
 
 import json
 import os

@@ -39,7 +39,7 @@ def asked(torque):
 
 
 def given_torques(faulty, torques):
-    """What the drive of joint 4 gives, one step after the other; the other joints give what they are asked for: nothing."""
+    """What the drive of joint 4 gives, one step after the other; the other joints give their command: nothing."""
     found = np.array([faulty.given(asked(torque), STILL)[0] for torque in torques])
     assert not np.delete(found, 3, axis=1).any()
     return found[:, 3]

@@ -1,4 +1,4 @@
-"""What makes the object's motion worse in the very recordings that named it is not given, and is said."""
+"""What makes the object's motion worse in the very recordings that named it is not given, and is reported."""
 
 import numpy as np
 import pytest

@@ -213,7 +213,7 @@ def test_policies_of_a_matrix_are_ranked_within_a_robot():
     more = [{**row, "robot": row["robot"] + 2 * number} for number in range(3) for row in table]
     low, high = figures(more, 10)["nominal"]["mmrv_ci95"]
     assert figures(more, 10)["patched"]["r_ci95"] == pytest.approx([1.0, 1.0]) and low < 0.1 < high
-    # Of .3 and .5, or .8 and .9, ten episodes do not tell which is more; a million do.
+    # Of .3 and .5, or .8 and .9, ten episodes do not show which is more; a million do.
     few, many = (figures(more, episodes)["exact"] for episodes in (10, 1_000_000))
     assert few["r"] < 0.9 < many["r"] and many["mmrv"] == 0.0 < few["mmrv"]
 

@@ -2,7 +2,7 @@
 
     python -m np_blind.arm.generate --cases 24 --seed 0 --set development --out FOLDER
 
-FOLDER gets bags/case_000, ... (rosbag2 folders with nothing in them that tells one from another), key.json,
+FOLDER gets bags/case_000, ... (rosbag2 folders with nothing in them that distinguishes one from another), key.json,
 and key.sha256; of a set of changes references/case_000, ... too, the arms as they were.
 """
 
@@ -85,7 +85,7 @@ def _said(time: float) -> str:
 
 
 def recording_path(path: Path) -> Path:
-    """What a doctor is given of a recording's folder: the folder of a bag, else the file in it. Whether it `exists` tells
+    """What the diagnosis is given of a recording's folder: the folder of a bag, else the file in it. Whether it `exists` shows
     whether it is complete."""
     own = path / six_motion.FILE
     return own if own.exists() else path if (path / "metadata.yaml").exists() else own

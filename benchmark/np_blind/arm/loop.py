@@ -45,7 +45,7 @@ class Diverged(RuntimeError):
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """What the controller is asked for at each period: (n, 7) rad, rad/s, rad/s^2, gains (n, 2, 7).
+    """What the controller receives at each period: (n, 7) rad, rad/s, rad/s^2, gains (n, 2, 7).
 
     Before row `first` the arm is held where it was found. starts: stamps, ns, of the segments of `plan`.
     """
@@ -62,7 +62,7 @@ class Targets:
         return len(self.position)
 
     def until(self, seconds: float) -> Targets:
-        """What is asked for in the first `seconds` of it."""
+        """The targets of its first `seconds`."""
         rows = slice(int(min(seconds / LIMITS.period, len(self))))
         names = ("position", "velocity", "acceleration", "gains")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})

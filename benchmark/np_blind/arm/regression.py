@@ -16,7 +16,7 @@ from np_common.cli import Parser
 from np_common.intervals import wilson_interval
 
 NORMAL95 = 1.96  # standard deviations
-# Key of a figure, what it says, its answers to a case, whether more is better.
+# Key of a figure, what it means, its values for a case, whether more is better.
 FIGURES: tuple[tuple[str, str, Callable[[Score], Sequence[bool | None]], bool], ...] = (
     ("module", "right module", lambda s: [s.module], True),
     ("joint", "right joint", lambda s: [s.joint], True),
@@ -38,14 +38,14 @@ def compare_paired(former: Sequence[bool], now: Sequence[bool]) -> tuple[float, 
 
 
 def compare_unpaired(former: Sequence[bool], now: Sequence[bool]) -> tuple[float, tuple[float, float]]:
-    """The same of answers that are not of the same questions (Newcombe, Statistics in Medicine 1998, method 10)."""
+    """The same of unpaired results (Newcombe, Statistics in Medicine 1998, method 10)."""
     (a, low, high), (b, least, most) = ((sum(x) / len(x), *wilson_interval(sum(x), len(x))) for x in (former, now))
     under, over = ((b - least) ** 2 + (high - a) ** 2) ** 0.5, ((most - b) ** 2 + (a - low) ** 2) ** 0.5
     return b - a, (b - a - under, b - a + over)
 
 
 def compare(former: Iterable[Score], now: Iterable[Score]) -> list[dict]:
-    """Rows of the figures that the cases of both speak of. gained, lost: cases that only one of them has right."""
+    """Rows of the figures that the cases of both have. gained, lost: cases that only one of them has right."""
     before, after = ({s.case: s for s in scores} for scores in (former, now))
     both = sorted(set(before) & set(after))
     rows = []

@@ -65,7 +65,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 def score(
     cases: Sequence[ArmCase], entries: Sequence[dict], options: argparse.Namespace, pool: Executor
 ) -> list[Score]:
-    """Score the answered cases against their entries of the key."""
+    """Score the diagnosed cases against their entries of the key."""
     scores, patches = [], []
     for case, entry in zip(cases, entries, strict=True):
         folder, report, patch = report_path(options.out, entry["case"]), None, []
@@ -73,7 +73,7 @@ def score(
         try:
             if not error:
                 report = json.loads((folder / "report.json").read_text())
-                if options.which not in CHANGES:  # of one arm on two days no motion tells a patch from the change
+                if options.which not in CHANGES:  # no motion separates a patch from a change between two days
                     patch = read_patch(folder / "patch.yaml")
                     patched_physics([patch])
             scores.append(score_case(entry, report, error, case.has_measured_friction))

@@ -26,7 +26,7 @@ _SEED = 20261123
 
 @cache
 def targets() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position rad, speed rad/s, acceleration rad/s^2 (n, 6) that are asked for, a row a period; it rests at both ends."""
+    """Position rad, speed rad/s, acceleration rad/s^2 (n, 6) of the target, a row a period; it rests at both ends."""
     rng = np.random.default_rng(_SEED)
     first = _waves(rng, 30.0, READY, 0.22)
     slow = [_triangle(2, READY, 8.0, 0.02), _triangle(3, READY, 4.0, 0.1), _triangle(6, READY, 2.0, 0.4)]

@@ -80,7 +80,7 @@ class Stretch:
         return replace(held, period=period, **between)
 
     def delayed(self, seconds: float) -> Stretch:
-        """As if commands had taken effect later than their rows say; the first ones are held until then."""
+        """As if commands had taken effect later than at their rows; the first ones are held until then."""
         rows = np.maximum(np.arange(len(self)) - round(seconds / self.period), 0)
         return replace(self, **{name: getattr(self, name)[rows] for name in COMMANDED})
 
@@ -180,7 +180,7 @@ class Replay:
             np.broadcast_to(values["gain"], self._start[which, 0].shape),
         )
         for begin, end in zip(edges[:-1], edges[1:]):
-            # The gear scales the drive's torque, and the position and velocity that it sees.
+            # The gear scales the drive's torque, and the position and velocity that it measures.
             law[:, :, 1], law[:, :, 2] = -stiffness[:, begin] / gain, -damping[:, begin] / gain
             done = batch.rollout(end - begin, self._command[which, begin:end], record=("qpos",))
             simulated[:, begin + 1 : end + 1] = done["qpos"]
@@ -216,7 +216,7 @@ class Replay:
 
 
 def _drive(recorded: Stretch) -> tuple[np.ndarray, ...]:
-    """Measured position, stiffness, damping, and what the law asks for at rest at zero, all (n, k)."""
+    """Measured position, stiffness, damping, and the law's command at rest at zero, all (n, k)."""
     zero = np.zeros_like(recorded.position)
     stiffness, ratio = recorded.stiffness, recorded.damping_ratio
     command = impedance_torque(zero, zero, recorded.target, stiffness, ratio, recorded.feedforward)

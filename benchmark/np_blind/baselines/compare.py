@@ -29,7 +29,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point. Status 2: a recording that breaks its contract."""
     options = parse(arguments)
-    # Slow to import, and not wanted by --help.
+    # Slow to import, and not needed by --help.
     from sim2real.effects.patch import dump_patch
     from sim2real.recordings.reading import ContractViolation, load_log
 

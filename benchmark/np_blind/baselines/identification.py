@@ -1,4 +1,4 @@
-"""Identification of an arm: parameters with which a replay agrees with what was recorded.
+"""Identification of an arm: parameters with which a replay matches the recording.
 
 Two ways on the same windows and errors: CMA-ES joint by joint, as the paper does it, and the Gauss-Newton of
 mujoco.sysid with all parameters at once.
@@ -88,8 +88,8 @@ def paper_identification(
     side.
 
     As Kim et al. (IROS 2023): sinusoids joint by joint, the commands replayed in the simulator until the
-    joint positions agree. A joint's objective is the mean square error of its own position while it is the
-    one that moves; the others have what their own search thinks of them.
+    joint positions match. A joint's objective is the mean square error of its own position while it is the
+    one that moves; the others have the current values of their own search.
     """
     import cma  # takes two seconds
 
@@ -185,7 +185,7 @@ def likeliest_delay(
     """The delay, s, of commands with which the paper's parameters explain the windows best; RMSE, rad, of
     each.
 
-    A delay passes for damping and for inertia: where the recording does not say it, it has to be sought too.
+    A delay passes for damping and for inertia: where the recording does not contain it, it has to be sought too.
     """
     rmse = {}
     for delay in delays:

@@ -1,6 +1,6 @@
 """A reference arm whose joint parameters are known: what identification is tested on without a robot.
 
-It stands where the robot stands: the deployed controller follows the excitation suite and answers noisy
+It stands where the robot stands: the deployed controller follows the excitation suite and responds to noisy
 states at 500 Hz. Its physics steps four times a control period, so that its discretisation is not that of the
 replay.
 """

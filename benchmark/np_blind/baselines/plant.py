@@ -70,7 +70,7 @@ def make_plant(spec: mujoco.MjSpec, largest: dict[str, float]) -> ArmPlant:
 
 
 def _compensate_nominal_weight(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    # What compensates gravity does not know the true mass of a link: it pulls with the nominal weight at the
+    # Gravity compensation does not use the true mass of a link: it pulls with the nominal weight at the
     # nominal centre of mass, through a body of its own that weighs nothing.
     spec = spec.copy()
     for body in [body for body in spec.bodies if body.gravcomp and list(body.joints)]:

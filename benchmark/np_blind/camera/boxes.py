@@ -1,4 +1,4 @@
-"""Boxes that rest on a table, seen by a camera that is not where it is believed to be: for the view stage, and with nothing of it.
+"""Boxes that rest on a table, seen by a camera that is not at its nominal pose: for the view stage, and with none of its code.
 
 Projection by a 3 x 4 matrix from a camera that looks at the table; poses by SciPy's rotations; a detector with an error of its own for each
 corner and view, part of it shared by all corners of a view, heavier where a corner is hidden below, now and then gross.
@@ -19,14 +19,14 @@ MIDDLE = np.array([0.5, 0.0])  # m, about which a table tilts
 OPTICAL_X, FORWARD = (
     np.array([0.0, 1.0, 0.0]),
     np.array([0.5 - 1.1, 0.0, -0.68]),
-)  # of the camera as it is believed to be
+)  # of the nominal camera
 ATTEMPTS = 200
 DEGREE = np.pi / 180
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What is true of a set-up and not believed: m, rad, px, 1, all against what is believed."""
+    """The true set-up less the nominal one: m, rad, px, 1."""
 
     camera: tuple[float, float, float] = (0.0, 0.0, 0.0)
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)

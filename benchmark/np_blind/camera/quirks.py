@@ -1,4 +1,4 @@
-"""What a camera and a detector are like that are well, drawn for every case: nothing of it is a gap, and no doctor is told."""
+"""Properties of a camera and a detector without fault, drawn for every case: none of them is a gap, and the diagnosis is given none."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 class Quirks:
     """rows s: from the picture's first row to its last; exposure s: of each row; jitter s: standard deviation of a stamp, which is more
     often a little early and now and then late; lens: k1, k2, p1, p2 of Brown and Conrady that a calibration has left; noise px, memory: of a
-    corner's error that remembers the image before; white px: of one that does not; gross: share of corners that are somewhere else; lost:
+    corner's error that is correlated with the image before; white px: of one that is not; gross: share of corners that are somewhere else; lost:
     share of the images in which a corner behind the hand has no score that counts; beneath px: by which it is off, score or not."""
 
     rows: float = 0.0

@@ -1,4 +1,4 @@
-"""Where the sealed test's detector finds corners: errors that remember the image before, gross ones, smeared ones, and those behind a hand."""
+"""Where the sealed test's detector finds corners: errors correlated with the image before, gross ones, smeared ones, and those behind a hand."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from np_description.camera import CAMERA
 GROSS = 6.0  # px, of a corner that is somewhere else
 SMEARED = 0.15  # of the way that a corner goes in an exposure: half the deviation of an even smear
 STAYS = 0.95  # memory, from image to image, of what the hand hides
-GOOD, DIM = 1.0, 0.4  # scores: policies ask for .5, and a pose that is only planned from for .3
+GOOD, DIM = 1.0, 0.4  # scores: policies require .5, and a pose for planning only .3
 DIMMED = 0.5  # share of the corners that are dim in the darkest image of an exposure that hunts
 
 

@@ -1,7 +1,7 @@
 """Withheld robots: a domain, and one or two effects of camera, timing, arm, contact or object that cost success in PhysX.
 
 What may be drawn follows from (robots, seed) alone. How large the effects are is found by playing (`robots.sizes`): so the key is a file, whose
-hash is put down before a doctor sees a recording of any of them.
+hash is committed before the diagnosis gets a recording of any of them.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def draw_robot(number: int, seed: int, attempt: int) -> tuple[str, Callable[[flo
     of another kind."""
     rng = np.random.default_rng([seed, number, attempt])
     kinds = ORDER[(number + attempt // 2) % len(ORDER)].split()
-    # The task suite is made for the bump's cube, and so is what it tells of an object's mass.
+    # The task suite is made for the bump's cube, and so is its estimate of an object's mass.
     domain = DOMAINS[1] if "object" in kinds else DOMAINS[number % len(DOMAINS)]
     effects = [EFFECTS[kind][int(rng.integers(len(EFFECTS[kind])))](rng, domain) for kind in kinds]
     scale = rng.uniform(0.6, 1.0, len(effects)) / (1.0 if len(effects) == 1 else 1.2)

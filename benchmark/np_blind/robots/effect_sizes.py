@@ -45,7 +45,7 @@ class Measured:
         return {name: succeeds(scores) for name, scores in played.items()}
 
     def loss(self, domain: str, patch: Patch) -> float:
-        """Of success, over pairs of episodes: all of them, or fewer where these already say that it is too little or too much."""
+        """Of success, over pairs of episodes: all of them, or fewer where these already show that it is too little or too much."""
         text = text_of(patch)
         cell = {f"{domain}_{sha256(text.encode()).hexdigest()[:16]}": RolloutCell(domain, "physx", text, seed=TASKS)}
         for pairs, least, most in (*LOOKS, (self.episodes, 0.0, 1.0)):

@@ -57,7 +57,7 @@ def named_top(row: Mapping) -> bool:
 
 
 def cost_pairs(row: Mapping, kind: str = "score", real: str = "ablation") -> list[tuple[float, float]]:
-    """(what a rehearsal says that it costs, what it costs in PhysX) of each true effect; one that was not found costs nothing. kind, real: which
+    """(cost by the rehearsal, cost in PhysX) of each true effect; one that was not found costs nothing. kind, real: which
     of the figures of either."""
     said: dict[str, float] = {}
     for name, cost in row["costs"].items():
@@ -75,7 +75,7 @@ def _loss(row: Mapping) -> float:
 
 
 def _share(row: Mapping, after: str, of: str = "nominal", numbers: Sequence[int] | slice = slice(None)) -> float:
-    """What of the success between `before` and `of` there is with `after`, in some episodes; where nothing was told, that is `before`."""
+    """What of the success between `before` and `of` there is with `after`, in some episodes; where nothing was found, that is `before`."""
     engine = row["engine"]
     before, gained, most = (
         float(np.mean(np.array(engine[name] or engine["before"], float)[numbers])) for name in ("before", after, of)

@@ -140,7 +140,7 @@ def figures(table: Sequence[Mapping], episodes: int) -> dict:
 
 
 def play(options: argparse.Namespace) -> dict:
-    """Every cell, and what they say of the robots that are finished. Raises OSError where none is."""
+    """Every cell, and the figures of the robots that are finished. Raises OSError where none is."""
     robots = [r for r in read_key(options.key) if (options.set / r.folder / "patch.yaml").exists()]
     cells = cells_of(robots, options.set, options.policies)
     with workers(options.jobs, options.cluster) as pool:

@@ -32,7 +32,7 @@ SETTLING = 1_000_000_000  # ns at rest before the plan
 
 
 def record_arm(patch: Patch, seed: int, engine: MakeEngine, only: tuple[str, ...] = ()) -> Log:
-    """The excitation suite, or parts of it, as the graph records it: states, and the controller's answers to them."""
+    """The excitation suite, or parts of it, as the graph records it: states, and the controller's commands for them."""
     arm = Simulation(CARD, seed=seed, patch=patch, engine=engine)
     controller, guard, rng = Controller(), SafetyFilter(), np.random.default_rng([seed, 2])
     guard.start(arm.measure().position[:7])
@@ -76,7 +76,7 @@ def record_task_physx(patch: Patch, seed: int) -> TaskRecording:
 
 
 def diagnose_robot(log: Log | None, tasks: Sequence[TaskRecording]) -> tuple[Patch, dict]:
-    """What the doctor finds in recordings of a robot, of which it is told nothing; verdicts by doctor. log: None where it was not to be had."""
+    """What the diagnosis finds in recordings of a robot, of which it is given nothing else; verdicts by program. log: None where there is none."""
     found, left_out, verdict = Patch(), (), "not recorded"
     if log is not None:
         try:

@@ -82,7 +82,7 @@ class TaskCase:
 
     @property
     def patch(self) -> Patch:
-        """What is other than believed, but for what is out of the catalogue."""
+        """The deviations from nominal, without those outside the catalogue."""
         own = [PatchEffect(name, str(EFFECTS[name].target), self.gap[name]) for name in self.effects]
         return Patch((*own, *(PatchEffect(*one) for one in self.usual)))
 

@@ -26,7 +26,7 @@ from np_blind.task.simulated_lab import SimulatedLab
 from np_description.camera import CAMERA
 from np_description.domains import BUMP
 
-HELD_OUT = 500_000  # added to the seed of a recording that no stage hears: other starts, other noise, the same set-up
+HELD_OUT = 500_000  # added to the seed of a recording that no stage gets: other starts, other noise, the same set-up
 FELT_FIRST = "touch_object"  # so that drags press as they should
 
 
@@ -105,7 +105,7 @@ def score_diagnosis(case: TaskCase, found: TaskDiagnosis) -> dict:
 
 
 def held_out_motion(case: TaskCase, found: TaskDiagnosis, kept: CheckedPatch, fresh: Sequence[TaskRecording]) -> dict:
-    """px by which corners are seen off their prediction, mean over the windows of recordings that no stage has heard: as believed, with the
+    """px by which corners are seen off their prediction, mean over the windows of recordings that no stage has used: nominal, with the
     patch that is given, with all that is true, and with everything that was measured, named or not. Empty without a window."""
     tried = {"believed": Patch(), "patch": kept.patch, "truth": case.patch, "at_once": at_once(found).patch}
     off: dict[str, np.ndarray] = {}

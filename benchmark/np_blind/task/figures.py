@@ -23,7 +23,7 @@ HARM = -0.05  # share removed below which a patch does harm: seen errors are kno
 
 
 def figures(rows: Sequence[Mapping]) -> dict:
-    """By name: value, ci95, of. A case without an answer counts as wrong, as in the arm sets."""
+    """By name: value, ci95, of. A case without a report counts as wrong, as in the arm sets."""
     ok = [row if not row.get("error") else {**row, **NO_ANSWER} for row in rows]
     kinds = {kind: [r for r in ok if r["kind"] == kind] for kind in ("clean", "single", "pair", OUT)}
     known = kinds["single"] + kinds["pair"]
@@ -94,7 +94,7 @@ def _removed(moved: Sequence[Mapping]) -> dict:
 
 def share_of_true(moved: Sequence[Mapping], name: str) -> dict | None:
     """value, ci95, of: share of the error of the motion that true effects remove that is gone with `name` too, of cases in which they remove enough
-    to tell; errors of all of them together, with an interval by the bootstrap over cases. None without such cases."""
+    to measure; errors of all of them together, with an interval by the bootstrap over cases. None without such cases."""
     worth = [m for m in moved if m["believed"] - m["truth"] > MATTERS * m["believed"]]
     if not worth:
         return None

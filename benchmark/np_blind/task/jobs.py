@@ -1,4 +1,4 @@
-"""Evaluation of task cases on many processes. Each case has a folder and is done once its answer lies there."""
+"""Evaluation of task cases on many processes. Each case has a folder and is done once its result lies there."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def answer(case: TaskCase, seed: int) -> dict:
 
 
 def evaluate_case(case: TaskCase, seed: int, out: Path, answer: Answer = answer) -> None:
-    """Evaluate a case and write its answer; an error is an answer too."""
+    """Evaluate a case and write its result; an error is a result too."""
     try:
         row = answer(case, seed)
     except Exception:
@@ -40,9 +40,9 @@ def evaluate_case(case: TaskCase, seed: int, out: Path, answer: Answer = answer)
 def evaluate_cases(
     cases: Sequence[TaskCase], seed: int, out: Path, pool: Executor, answer: Answer = answer
 ) -> list[dict]:
-    """The answers to all cases, in their order; those without an answer in `out` are evaluated.
+    """The results of all cases, in their order; those without a result in `out` are evaluated.
 
-    A case whose worker died has an error as its answer and no file, so that the next call tries it again.
+    A case whose worker died has an error as its result and no file, so that the next call tries it again.
     """
     missing = [case for case in cases if not _answer_file(out, case).exists()]
     progress, lost = Progress(len(cases), "task"), {}

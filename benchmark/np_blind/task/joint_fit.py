@@ -1,5 +1,5 @@
 """What fitting a fixed list comes to, on the same recordings: every number that was measured, taken as it is, and named where its interval is
-beyond what is believed. Nothing competes, nothing is a class, and nothing is ever unexplained."""
+beyond the nominal value. Nothing competes, nothing is a class, and nothing is ever unexplained."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FORCES = {"table": "table_friction", "mass": "object_mass", "finger": "gripper_f
 
 @dataclass(frozen=True)
 class AtOnce:
-    """patch: with all numbers; named: effects whose interval does not hold what is believed."""
+    """patch: with all numbers; named: effects whose interval does not hold the nominal value."""
 
     patch: Patch
     named: list[str]

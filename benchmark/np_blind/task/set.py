@@ -1,4 +1,4 @@
-"""The task set: `diagnose_task` on recordings of the task suite in PhysX, whose gap only the key knows.
+"""The task set: `diagnose_task` on recordings of the task suite in PhysX, whose gap only the key holds.
 
 `--seal` writes the hash of the key, to be committed. A case is a folder, and a call evaluates the cases that --out lacks:
 JOBS cases at a time, or those of a Dask cluster. A seed below 900 is a development set and needs no seal. Needs SAPIEN (`make physx`). The

@@ -75,10 +75,10 @@ class _Kept:
 
 
 class SimulatedLab:
-    """A simulated robot with a task, which can be led through plans and remembers what it measured.
+    """A simulated robot with a task, which can be led through plans and stores what it measured.
 
-    domain: that is believed in; patch: what is other than the doctor believes; seed: of task and noise; engine: builds the physics; eye: the
-    camera (default: `PlainCamera`); true: the domain as it is, where its object is of another size than believed.
+    domain: the nominal one; patch: the deviations from it; seed: of task and noise; engine: builds the physics; eye: the
+    camera (default: `PlainCamera`); true: the domain as it is, where its object is not of the nominal size.
     """
 
     def __init__(
@@ -165,7 +165,7 @@ class SimulatedLab:
         return TaskRecording(log, track, float(seen[0]), self.domain, spans_of(log))
 
     def _commands(self) -> Commands:
-        """Answers to all states but the last, as a recording of the graph has them."""
+        """Commands for all states but the last, as a recording of the graph has them."""
         answers, (stiffness, ratio) = self._kept.answers, np.array(self._kept.gains).transpose(1, 0, 2)
         target, velocity, torque = (
             np.array([getattr(one, name) for one in answers]) for name in ("position", "velocity", "torque")

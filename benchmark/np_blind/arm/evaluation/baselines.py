@@ -1,6 +1,6 @@
 """What others' identification makes of the same cases (np_blind.baselines.methods), scored by the same rules.
 
-A baseline fits a fixed list of parameters. To be asked the doctor's questions it is read as generously as
+A baseline fits a fixed list of parameters. To be scored like the diagnosis it is read as generously as
 can be: what
 it changes by at least the declared detection limit it names, the largest multiple first; nothing that large
 is
@@ -134,7 +134,7 @@ def score_baselines(
 
 
 def _read(entry: Mapping, folder: Path, name: str) -> tuple[Score, list[dict]]:
-    """The score of a baseline's answer to a case, and its patch; none where there is no answer."""
+    """The score of a baseline's report on a case, and its patch; none where there is no report."""
     error, patch = (folder / _FOLDER / "error.txt").read_text(), []
     try:
         patch = read_patch(folder / _FOLDER / name / "patch.yaml") if not error else []

@@ -1,6 +1,6 @@
-"""A sealed set is begun only where the doctor answers a case of the development set beside it.
+"""A sealed set is begun only where the diagnosis reports on a case of the development set.
 
-On a machine where it does not start, every case of a sealed set would be answered by an error, and the set spent.
+On a machine where it does not start, every case of a sealed set would end with an error, and the set be spent.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from np_blind.arm.sampling.cases import draw_cases
 from np_blind.sealed import SealError
 from np_common.parallel import Workers
 
-MOTIONS = ("sinusoid_2", "sinusoid_4", "triangle_fast")  # the doctor asks for ten blocks of motion
+MOTIONS = ("sinusoid_2", "sinusoid_4", "triangle_fast")  # the diagnosis requires ten blocks of motion
 
 
 def check_diagnosis_runs(which: str, seed: int, asking: DiagnosisJob, workers: Workers) -> None:
-    """Record and answer the first case of the development set that belongs to a locked one, in a folder that is then removed.
+    """Record and diagnose the first case of the development set that belongs to a locked one, in a folder that is then removed.
 
     Raises SealError with what went wrong.
     """

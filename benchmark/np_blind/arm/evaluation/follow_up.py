@@ -1,4 +1,4 @@
-"""The one more recording that a doctor asks for: made of the same arm, shown to it, and judged."""
+"""The further recording that a diagnosis requests: made of the same arm, diagnosed, and judged."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STREAM = 4  # of the case's seeds: noise of its own
 
 
 def suggested_experiment(folder: Path) -> str | None:
-    """The experiment that a report in `folder` asks for; None where it is sure, or says that none can
+    """The experiment that a report in `folder` requests; None where it is sure, or states that none can
     help."""
     path = folder / "report.json"
     report = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
@@ -30,9 +30,9 @@ def suggested_experiment(folder: Path) -> str | None:
 
 
 def follow_up(case: ArmCase, bag: Path, folder: Path, ask: Callable[[Sequence[Path], Path], str]) -> None:
-    """Where the doctor's report in `folder` asks for it, move the arm of a case again, and ask once more.
+    """Where the report in `folder` requests it, move the arm of a case again, and diagnose once more.
 
-    ask(bags, folder) runs the doctor and says what went wrong. The second answer goes to folder/next.
+    ask(bags, folder) runs the diagnosis and returns what went wrong. The second report goes to folder/next.
     """
     from np_blind.arm.bags import write_bag  # slow: no --help should wait for it
 
@@ -58,7 +58,7 @@ def follow_up(case: ArmCase, bag: Path, folder: Path, ask: Callable[[Sequence[Pa
 
 
 def is_answered(entry: Mapping, folder: Path) -> bool | None:
-    """Whether the second answer is sure and right: `identified` with what the key says and nothing else,
+    """Whether the second report is sure and right: `identified` with what the key holds and nothing else,
     `no_gap`
     of a clean arm, `unexplained` or `partly_explained` of a fault out of the catalogue. None where there was no second recording."""
     answer = folder / FOLDER
@@ -78,7 +78,7 @@ def is_answered(entry: Mapping, folder: Path) -> bool | None:
 
 
 def could_settle(entry: Mapping, folder: Path) -> bool:
-    """Whether the truth is one of the models that the experiment of the report in `folder` was to tell apart. Between models
+    """Whether the truth is one of the models that the experiment of the report in `folder` was to distinguish. Between models
     that are all wrong no experiment decides."""
     if suggested_experiment(folder) is None or entry["kind"] == UNKNOWN_FAULT_KIND:
         return False

@@ -1,6 +1,6 @@
-"""Bags and the doctor's answers to them, case by case, on many processes.
+"""Bags and the reports of the diagnosis on them, case by case, on many processes.
 
-A case that crashes, or takes too long, has an error for an answer; the others go on. A case is done once its
+A case that crashes, or takes too long, has an error instead of a report; the others go on. A case is done once its
 folder holds error.txt (empty where all went well), so that a run goes on where it was cut off.
 """
 
@@ -44,7 +44,7 @@ class DiagnosisJob:
 
 
 def report_path(out: Path, number: int) -> Path:
-    """Folder of the doctor's answer to a case; it holds error.txt once the doctor has run."""
+    """Folder of the report on a case; it holds error.txt once the diagnosis has run."""
     return out / "reports" / f"case_{number:03d}"
 
 
@@ -63,7 +63,7 @@ def write_error(out: Path, number: int, error: str) -> None:
 def diagnose_cases(
     cases: Sequence[ArmCase], only: Sequence[str], asking: DiagnosisJob, jobs: int, workers: Workers
 ) -> None:
-    """Bags and answers of all cases that have none yet. workers(jobs) gives an executor.
+    """Bags and reports of all cases that have none yet. workers(jobs) gives an executor.
 
     A case that has lost every process it was given to (killed for its memory, say) counts as failed.
     """
@@ -90,7 +90,7 @@ def _answer(cases: Sequence[ArmCase], only: Sequence[str], asking: DiagnosisJob,
                 making |= {pool.submit(_record, [case], only, asking): [case] for case in batch}
                 continue
             for number, error in ({batch[0].number: lost} if lost else future.result()).items():
-                if error:  # counted as wrong: no answer
+                if error:  # counted as wrong: no report
                     write_error(out, number, error)
                     done += 1
                 else:
@@ -117,7 +117,7 @@ def _record(cases: Sequence[ArmCase], only: Sequence[str], asking: DiagnosisJob)
     """`make_bags`, case by case where one of them breaks it."""
     try:
         return make_bags(cases, only, asking.out)
-    except Exception:  # whatever it is: it is the answer of the case that it belongs to
+    except Exception:  # whatever it is: it is the result of the case that it belongs to
         for case in cases:
             _remove_bags(asking.out, case.number)
         if len(cases) == 1:
@@ -126,13 +126,13 @@ def _record(cases: Sequence[ArmCase], only: Sequence[str], asking: DiagnosisJob)
 
 
 def diagnose_case(case: ArmCase, asking: DiagnosisJob) -> None:
-    """Run the doctor, and the baselines where they are asked for, on the bag of a case; what they say goes to
+    """Run the diagnosis, and the baselines where requested, on the bag of a case; their reports go to
     reports/case_*."""
     try:
         error = _ask_doctor(case, asking)
     except Exception:
         error = traceback.format_exc()[-2000:]
-    write_error(asking.out, case.number, error.replace(f"{asking.out.resolve()}/", ""))  # which says nothing elsewhere
+    write_error(asking.out, case.number, error.replace(f"{asking.out.resolve()}/", ""))  # which means nothing elsewhere
     if not asking.keep:
         _remove_bags(asking.out, case.number)
 

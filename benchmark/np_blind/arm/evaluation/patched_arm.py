@@ -53,7 +53,7 @@ _OF_ARM = {
 
 
 class PatchError(ValueError):
-    """A patch that cannot be followed; says what was expected and what came."""
+    """A patch that cannot be followed; the message gives what was expected and what came."""
 
 
 def read_patch(path: Path) -> list[dict]:
@@ -80,7 +80,7 @@ def patched_physics(patches: list[list[dict]]) -> Physics:
     for arm, entries in enumerate(patches):
         for entry in entries:
             _follow(physics, arm, entry["effect"], entry["component"], entry["parameters"])
-    # A patch may ask for what no arm can be: less than no friction, no rotor, a delay from the future.
+    # A patch may request what no arm can be: less than no friction, no rotor, a delay from the future.
     for name in ("coulomb_forward", "coulomb_backward", "viscous_forward", "viscous_backward"):
         setattr(physics, name, np.maximum(getattr(physics, name), 0.01 if "coulomb" in name else 0.0))
     physics.armature = np.maximum(physics.armature, 0.02)

@@ -21,7 +21,7 @@ HARM = 1.02  # times the gap before, beyond which a patch has done harm
 class Score:
     """What is right about one case; None where the question does not arise. named: effect@component;
     effect: of faults of at least CLEAR; effect_any: of any size; found: of any size, wherever it stands in the report; settled: of `followup.is_settled`; settled_known: the same where the truth was one of the models
-    that the experiment was to tell apart."""
+    that the experiment was to distinguish."""
 
     case: int
     kind: str
@@ -54,7 +54,7 @@ class Score:
 
     @property
     def is_failure(self) -> bool:
-        """Whether any question of the case was answered wrongly."""
+        """Whether any score of the case is wrong."""
         wrong = (self.module, self.joint, self.effect, self.abstained, self.pair)
         return bool(self.error) or any(x is False for x in wrong) or bool(self.false_alarm) or bool(self.harm)
 
@@ -73,7 +73,7 @@ def score_case(entry: Mapping, report: Mapping | None, error: str = "", has_fric
     """One case of the key against its report; None, with what went wrong, where there is none.
 
     has_friction: of an arm with measured friction. A fault that is a law of friction too is then no effect of its own: nothing
-    tells it from the rest of its joint's friction, and neither it nor its interval is asked for. Nor is it wrong to add one.
+    distinguishes it from the rest of its joint's friction, and neither it nor its interval is scored. Nor is it wrong to add one.
     """
     faults = entry["faults"]
     report = report or {"verdict": "none", "effects": [], "where": []}
@@ -117,7 +117,7 @@ def score_case(entry: Mapping, report: Mapping | None, error: str = "", has_fric
 
 
 def _is_named(fault: Mapping, effects: Sequence[Mapping], all_added: Sequence[Mapping]) -> bool:
-    """Whether one of the effects is the fault, or a member of a pre-registered class that says so."""
+    """Whether one of the effects is the fault, or a member of a pre-registered class, reported as one."""
     truth, place = fault["effect"], fault["component"]
     here = [e for e in effects if e["component"] == place]
     for effect in here:

@@ -10,7 +10,7 @@ import numpy as np
 from np_blind.arm.evaluation.scoring import CLEAR, Score, by_effect, median
 from np_blind.arm.sampling.cases import CHANGES
 
-# Key of the summary, what it says, its goal (least, or greatest where the sign is <=).
+# Key of the summary, what it means, its goal (least, or greatest where the sign is <=).
 GOALS = (
     ("module_accuracy", "right module", ">= .97"),
     ("joint_accuracy", "right joint", ">= .95"),
@@ -41,12 +41,12 @@ SHRINKS = (
 
 
 def goals_of(figures: Mapping) -> tuple[tuple[str, str, str], ...]:
-    """The questions of a set: key of the summary, what it says, its goal."""
+    """The questions of a set: key of the summary, what it means, its goal."""
     return GOALS_OF_CHANGES if figures.get("set") in CHANGES else GOALS
 
 
 def _known(figures: Mapping) -> list[tuple[str, str, str]]:
-    """The questions of a set that its figures answer: not those asked since."""
+    """The questions of a set that its figures cover: not those added since."""
     return [row for row in goals_of(figures) if row[0] in figures]
 
 

@@ -1,7 +1,7 @@
 """Arms with everything that a nominal simulator leaves out: what is behind the torque interface.
 
 The plant is stepped at 2 kHz (semi-implicit Euler) with the rigid-body terms of the middle of each control
-period. All arms of a batch move at once; a `Physics` says what each of them has.
+period. All arms of a batch move at once; a `Physics` holds the parameters of each.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ PERIOD = 0.002  # s, of control
 SUBSTEPS = 4
 STEP = PERIOD / SUBSTEPS
 LONGEST_DELAY = 0.02  # s
-LEAST_FRICTION = 0.01  # Nm, however little a patch asks for
+LEAST_FRICTION = 0.01  # Nm, however little a patch requests
 HOLDS = 0.004  # rad/s, up to which friction is that of standstill
 
 

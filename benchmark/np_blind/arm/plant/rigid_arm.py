@@ -2,7 +2,7 @@
 
 Spatial vectors are taken about the origin of the base, so that inertias, velocities and forces of links just
 add up along the chain (Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 2 and 6): sums over the
-links are cumulative sums, and only the rotations need a loop. Arrays are (3, B, 7): component, arm, link. Where shapes say 7, it
+links are cumulative sums, and only the rotations need a loop. Arrays are (3, B, 7): component, arm, link. Where shapes have 7, it
 is 6 for the arm of six hinges.
 """
 

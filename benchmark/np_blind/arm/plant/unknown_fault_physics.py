@@ -62,7 +62,7 @@ class UnknownFaultPhysics:
         return level + self._wide.friction(speed)
 
     def given(self, wanted: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """What amplifiers give that are asked for `wanted` Nm, gravity compensation included, at the rotors' speed."""
+        """What amplifiers give at a command of `wanted` Nm, gravity compensation included, at the rotors' speed."""
         wanted = self._wide.given(wanted, speed)
         if "dead_zone" not in self._used:
             return wanted

@@ -46,7 +46,7 @@ class WideUnknownFaultPhysics:
         return -p.snap * self._snapped
 
     def given(self, wanted: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """What drives give that are asked for `wanted` Nm, gravity compensation included, at the rotors' speed."""
+        """What drives give at a command of `wanted` Nm, gravity compensation included, at the rotors' speed."""
         p, used = self._physics, self._used
         if "notch" in used:
             wanted = self._filtered(wanted)

@@ -26,7 +26,7 @@ DAY_NOISE = 0.1  # share of the noise of sensors and drives
 
 
 def apply_background(physics: Physics, arm: int, seed: Sequence[int], ready: np.ndarray) -> None:
-    """Give an arm what its seed says of its background, before its faults. ready (k,) rad: its usual posture."""
+    """Give an arm the background of its seed, before its faults. ready (k,) rad: its usual posture."""
     rng, joints = np.random.default_rng([*seed, 0]), physics.inertials.mass.shape[1]
     errors, delay = rng.normal(size=joints), rng.uniform(0.0, DELAY)
     breakaway, noise = np.exp(rng.uniform(np.log(3e-5), np.log(2e-4), joints)), rng.uniform(0.7, 1.4)
@@ -47,7 +47,7 @@ def _widen(p: Physics, i: int, rng: np.random.Generator, ready: np.ndarray) -> N
     p.command_delay[i] = rng.uniform(0.0, WIDE_DELAY)
     p.breakaway[i] = np.exp(rng.uniform(np.log(3e-5), np.log(CREEP), joints))
     p.uneven[i], p.uneven_order[i] = rng.uniform(0.0, WAVES, joints), rng.integers(1, 4, joints)
-    # About the ready posture friction is what it is said to be: elsewhere, more of it or less.
+    # About the ready posture friction has its stated value: elsewhere it is more or less.
     p.uneven_phase[i] = np.pi * rng.integers(0, 2, joints) - p.uneven_order[i] * ready
     p.holding[i] = rng.uniform(0.0, HOLDING, joints)
     p.drive_noise[i] = rng.uniform(0.0, DRIVE_NOISE)

@@ -15,7 +15,7 @@ from np_blind.arm.sampling.faults import EFFECTS, Fault, Parameters, apply, larg
 from np_blind.arm.sampling.measured_friction import apply_measured_friction
 from np_blind.arm.sampling.unknown_faults import UNKNOWN_FAULTS, apply_unknown_fault, draw_unknown_faults
 
-UNKNOWN_FAULT_KIND = "stranger"  # as sealed keys and published results say it
+UNKNOWN_FAULT_KIND = "stranger"  # as in sealed keys and published results
 KINDS = {"null": 0.15, "single": 0.5, "pair": 0.175, UNKNOWN_FAULT_KIND: 0.175}
 NEAREST = 0.8  # size from which on faults are drawn
 SETS = {

@@ -1,6 +1,6 @@
 """The arm of six hinges that is not a Panda: what it is, its faults and how large they are, all from data/six_hinges.xml.
 
-Its drives are asked by a controller of its own, so that a recording has joints and torque only (`t_s`, `q_rad`, `dq_rad_s`,
+A controller of its own commands its drives, so that a recording has joints and torque only (`t_s`, `q_rad`, `dq_rad_s`,
 `tau_J_Nm` with gravity, 500 Hz): it has the effects that these four show, and no others.
 """
 

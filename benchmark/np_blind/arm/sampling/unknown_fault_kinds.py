@@ -96,13 +96,13 @@ def _taut(p, i, j, size, rng):
 
 
 def _dead_zone(p, i, j, size, rng):
-    """An amplifier with crossover distortion: it gives nothing of the first torque asked for, either way."""
+    """An amplifier with crossover distortion: it gives nothing of small commanded torques, either way."""
     p.dead_zone[i, j] = size
     return {"torque": (size, "Nm")}
 
 
 def _fading(p, i, j, size, rng):
-    """Magnets that warm up: the drive gives less and less of what it is asked for."""
+    """Magnets that warm up: the drive gives less and less of the commanded torque."""
     p.fading[i, j], p.fading_time[i, j] = min(1.5 * size / LOAD[j], 0.4), rng.uniform(30.0, 90.0)
     return {"share": (p.fading[i, j], "1"), "time": (p.fading_time[i, j], "s")}
 

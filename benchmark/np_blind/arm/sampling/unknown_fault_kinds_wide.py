@@ -1,4 +1,4 @@
-"""Faults that no catalogue has, by an author who knew the catalogue, not the doctor.
+"""Faults that no catalogue has, by an author who knew the catalogue, not the diagnosis.
 
 Each function gives joint j of arm i the fault; size: Nm, about what it does to the joint's torque, so that size is comparable
 among kinds.
@@ -16,7 +16,7 @@ from np_control.impedance import STIFFNESS_MAX
 from np_description.panda import NOMINAL
 
 SPEED = 0.3  # rad/s, of a joint in motion
-SWING = np.array([2.2, 1.9, 2.1, 1.3, 0.6, 0.4, 0.3])  # Nm, RMS of what the suite asks drives for beside gravity
+SWING = np.array([2.2, 1.9, 2.1, 1.3, 0.6, 0.4, 0.3])  # Nm, RMS of the suite's commanded torque without gravity
 DAMPING = 2.0 * np.sqrt(STIFFNESS_MAX)  # Nms/rad, of the controller
 
 
@@ -42,7 +42,7 @@ def _lopsided(p, i, j, size, rng):
 
 
 def _notch(p, i, j, size, rng):
-    """A drive's notch filter set to the wrong frequency: what is asked for about there is not given."""
+    """A drive's notch filter set to the wrong frequency: commands near it are not given."""
     p.notch[i, j] = min(2.2 * size / SWING[j], 0.9)
     p.notch_frequency[i, j] = rng.uniform(1.5, 4.0)
     return {"depth": (p.notch[i, j], "1"), "frequency": (p.notch_frequency[i, j], "Hz")}
@@ -57,14 +57,14 @@ def _coupled_rotors(p, i, j, size, rng):
 
 
 def _crosstalk(p, i, j, size, rng):
-    """Wires side by side: a share of what a neighbour's drive is asked for is given here too."""
+    """Wires side by side: a share of a neighbouring drive's command is given here too."""
     other = _neighbour(j, rng)
     p.crosstalk[i, j, other] = _sign(rng) * min(2.0 * size / LOAD[other], 0.4)
     return {"share": (p.crosstalk[i, j, other], "1"), "other_joint": (other + 1.0, "1")}
 
 
 def _sticky_drive(p, i, j, size, rng):
-    """Magnetic hysteresis: the torque follows what is asked for with play, so many Nm behind either way."""
+    """Magnetic hysteresis: the torque follows the command with play, so many Nm behind either way."""
     p.drive_play[i, j] = size
     return {"torque": (size, "Nm")}
 
