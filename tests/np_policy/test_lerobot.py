@@ -174,7 +174,7 @@ def test_bags_that_do_not_fit_together_are_refused(bags, tmp_path, capsys):
 
 def test_a_bag_without_an_episode_and_a_folder_that_exists_are_refused(bags, tmp_path, capsys):
     idle = record_episode(tmp_path / "idle", count=200, phases={0: PhaseState("idle")})
-    with pytest.raises(BagError, match="phase pre was never said"):
+    with pytest.raises(BagError, match="phase pre was never published"):
         write_data_set(tmp_path / "set", [idle])
     assert export_lerobot.main([str(bags[0]), "--out", str(tmp_path)]) == 1
     assert "expected a new folder, it exists" in capsys.readouterr().err

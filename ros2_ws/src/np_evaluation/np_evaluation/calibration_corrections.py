@@ -1,17 +1,17 @@
 """Corrections of the camera's calibration and the arm's driver by a patch, before any policy is trained.
 
-A camera that stands elsewhere, a joint's zero, a load in the hand, torque that a drive gives unasked, dry friction, and images that come late are
-numbers of the robot's own configuration. Policies need not learn them: with the right numbers they meet what they know.
+They correct a displaced camera, a joint's zero, a load in the hand, a drive's torque offset, dry friction and late images.
+These are parameters of the robot's configuration. With the right values, policies meet the conditions that they were trained in.
 
 | effect | corrected in | how |
 |---|---|---|
-| camera_extrinsics, camera_intrinsics | detector | the object's pose by the true camera, its corners as the believed one would show them |
-| camera_latency | detector | corners go on for the delay as they went between the last two ticks |
-| encoder_bias | driver | taken from what is read, and from the angles at which gravity is compensated |
-| payload, link_com | driver | gravity of the arm as it is, not as it is believed to be (libfranka: setLoad) |
-| torque_offset | driver | taken from what is asked for |
+| camera_extrinsics, camera_intrinsics | detector | the object's pose by the true camera, its corners as the nominal one would show them |
+| camera_latency | detector | corners are extrapolated over the delay, at their velocity between the last two ticks |
+| encoder_bias | driver | subtracted from the reading, and from the angles at which gravity is compensated |
+| payload, link_com | driver | gravity of the true arm instead of the nominal one (libfranka: setLoad) |
+| torque_offset | driver | subtracted from the command |
 | coulomb_friction | driver | FRICTION_SHARE of it is added along the motion, or along the torque where there is none |
-| command_delay | driver | the state is foretold to when a command acts, by the commands that are under way (Smith 1957) |
+| command_delay | driver | the state is predicted to when a command acts, from the commands under way (Smith 1957) |
 """
 
 from __future__ import annotations
@@ -55,12 +55,12 @@ class Corrections:
 
     @property
     def is_none(self) -> bool:
-        """Whether there is nothing to be told."""
+        """Whether nothing is corrected."""
         return self.camera == CAMERA and self.delay == 0.0 and not self.arm.effects
 
 
 def corrections(patch: Patch) -> Corrections:
-    """The configuration that a patch asks for."""
+    """The corrections that a patch requires."""
     by = {"camera": [], "arm": [], "delay": [], "remaining": []}
     for effect in patch.effects:
         whose = "camera" if effect.effect in OF_CAMERA else "arm" if effect.effect in OF_DRIVER else "remaining"
@@ -74,7 +74,7 @@ def corrections(patch: Patch) -> Corrections:
 
 
 class CompensatedView:
-    """Keypoints of one episode as the believed camera would show them now. domain: whose object it is."""
+    """Keypoints of one episode as the nominal camera would show them now. domain: whose object it is."""
 
     def __init__(self, told: Corrections, domain: Task):
         self._told, self._domain = told, domain
@@ -161,7 +161,7 @@ class SmithPredictor:
         self._given.append(np.array(torque))
 
     def __call__(self, stamp: int, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """q (7,) rad, dq (7,) rad/s after the delay, of those at `stamp` ns; the same again when they are asked for again."""
+        """q (7,) rad, dq (7,) rad/s after the delay, of those at `stamp` ns; a second call for a stamp returns the same."""
         if self._last is not None and stamp == self._last[0]:
             return self._found
         inverse = np.linalg.inv(self._dynamics.mass_matrix(q))

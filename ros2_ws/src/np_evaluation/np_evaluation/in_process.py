@@ -1,7 +1,7 @@
 """Episodes without a graph: simulated robot, guards, controller, planner, policies and the phases of an episode in one process.
 
-One takes 1 to 4 s of processor time with true corners, 2 to 8 with images, where eight nodes take 20 to 70. What the nodes call
-is called in the same order, without messages, so that an episode is not the graph's bit for bit: contacts tell the last digit.
+One takes 1 to 4 s of processor time with true corners, 2 to 8 with images, where eight nodes take 20 to 70. It calls what the
+nodes call, in the same order, without messages. An episode is not the graph's bit for bit: contacts amplify the last digit.
 """
 
 from __future__ import annotations
@@ -53,9 +53,12 @@ def find_engine(name: str) -> MakeEngine:
 
 
 class InProcessRollout:
-    """A domain's graph as one object. alone: contacts are chosen as if the object had the size that the weights know; patch: what arm,
-    scene and view have that policies and planner do not know of; corrected: what detector and driver are told of it (`np_evaluation.calibration_corrections`);
-    weights: folder, "" for the project's own; keypoints: truth or camera; force_reflex: stop or observe."""
+    """A domain's graph as one object.
+
+    alone: contacts are chosen as if the object had the size that the weights were trained with; patch: effects of arm, scene and view, without
+    which policies and planner compute; corrected: the effects that detector and driver correct (`np_evaluation.calibration_corrections`);
+    weights: folder, "" for the project's own; keypoints: truth or camera; force_reflex: stop or observe.
+    """
 
     def __init__(
         self,
@@ -194,7 +197,7 @@ class KeypointProjector:
         self._pose, self._next = None, 0
 
     def look(self, arm: Simulation) -> None:
-        """Once a control period: keep the object's pose where an image is due, or somebody will ask."""
+        """Once a control period: keep the object's pose where an image or a tick is due."""
         if arm.stamp % TICK == 0:
             self._pose = arm.object_pose()
         if self._view is not None and (arm.stamp >= self._next or arm.stamp % TICK == 0):

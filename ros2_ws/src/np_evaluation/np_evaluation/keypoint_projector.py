@@ -17,7 +17,7 @@ from np_sim_bridge.view import SceneView
 
 
 class DetectedKeypoints:
-    """Images of one scene, drawn as the graph's are, one episode after the other; only of ticks, for nobody asks about another.
+    """Images of one scene, drawn as the graph's are, one episode after the other; only of ticks, as no others are used.
 
     domain, patch: of the scene; seed: of the view's scatter; weights: folder of the detector, "" for the project's own. Raises WeightsError
     where that does not fit.

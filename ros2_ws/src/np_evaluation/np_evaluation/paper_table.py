@@ -126,9 +126,12 @@ def play_cell(cell: TableCell, setting: TableSettings) -> CellResult:
 
 
 def table_rows(played: Iterable[CellResult]) -> list[dict[str, object]]:
-    """A row for each object: successes and episodes by scenario and in all, rate with its 95 % interval (Wilson), the same
-    with the first contact where some episodes had more, failures by phase and by what the graph said, what went wrong, and the
-    paper's successes of its 15 tries."""
+    """A row for each object.
+
+    It has successes and episodes by scenario and in all, and the rate with its 95 % interval (Wilson). The same with the first
+    contact follows where some episodes had more. Then come failures by phase and by the graph's reason, what went wrong, and
+    the paper's successes of its 15 tries.
+    """
     by_row: dict[tuple[str, str], list[CellResult]] = {}
     for one in played:
         by_row.setdefault((one.cell.domain, one.cell.object), []).append(one)

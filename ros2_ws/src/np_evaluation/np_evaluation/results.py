@@ -17,8 +17,8 @@ class Results:
     """Results so far, in a file that a killed run leaves complete up to its last finished episode.
 
     The file is <folder>/<hash of settings>.jsonl; its first line holds the settings. Episodes found in it, or in the parts
-    (`PartialResults`) that a killed run has left beside it, are not run again, unless `fresh`; `results` has them in order, `kept` how many
-    they are, `kept_from` when the last of them was run. The setting `revision` is only told: what it names may be edited, and
+    (`PartialResults`) that a killed run has left beside it, are not run again, unless `fresh`. `results` has them in order, `kept` how many
+    they are, `kept_from` when the last of them was run. The setting `revision` is only recorded, not compared: its files may be edited, and
     another commit may hold the same code. Raises ValueError for a file that holds something else.
     """
 

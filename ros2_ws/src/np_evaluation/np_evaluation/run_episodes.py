@@ -43,7 +43,7 @@ def play(
     results: ResultSink,
     on_tick: Callable[[int, float], None] = lambda number, s: None,
 ) -> None:
-    """Run episodes one after the other, and add what came of them; on_tick is told an episode's number and its time, s.
+    """Run episodes one after the other, and add their results; on_tick is called with an episode's number and its time, s.
 
     A graph that breaks down costs its episode and is started anew; one that does not come up at all raises NodeDied or TimeoutError.
     """

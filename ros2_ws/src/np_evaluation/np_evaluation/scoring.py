@@ -92,8 +92,10 @@ def result_of(
     shares: np.ndarray | None = None,
     force: ForceFigures | None = None,
 ) -> Result:
-    """The result of an episode that came to an end, how deep things were in each other, the shares (3, 7) of its limits that
-    the arm came to, and the external force on it."""
+    """The result of an episode that came to an end.
+
+    depths: how deep things were in each other; shares (3, 7): of its limits that the arm reached; force: external, on the arm.
+    """
     return Result(
         episode,
         outcome.success,
@@ -190,8 +192,8 @@ def engine_version(engine: str) -> str:
 
 
 def code_sha256() -> str:
-    """SHA-256 (hex) of every file of the packages that an evaluation runs, whatever git says of them, and of the effects of
-    one's own."""
+    """SHA-256 (hex) of every file of the packages that an evaluation runs, whether git tracks it or not, and of one's own
+    effects."""
     from sim2real.effects.registry import FOLDERS  # slow
 
     folders = [Path(find_spec(package).submodule_search_locations[0]) for package in CODE]

@@ -34,7 +34,7 @@ class _Part:
 
 
 class AcquisitionTimes:
-    """Times of the messages of a bag's files, read where they are asked for. Raises BagError for messages that have none."""
+    """Times of the messages of a bag's files, read when they are first used. Raises BagError for messages that have none."""
 
     def __init__(self, files: BagFiles):
         self._files = files
@@ -92,7 +92,7 @@ class AcquisitionTimes:
         return _Part(log[is_set], header[is_set])
 
     def _has_stamps(self, name: str) -> bool:
-        """Whether any message of the topic says when it was acquired: a driver that leaves that empty says zero in all."""
+        """Whether any message of the topic has a time of acquisition: a driver that does not set it leaves zero in all."""
         return BY_NAME[name].stamped and (
             self._files.counts[name] == 1 or any(part.header.any() for part in self._parts[name].values())
         )

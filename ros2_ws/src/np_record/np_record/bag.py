@@ -1,4 +1,4 @@
-"""Reading bags, with errors that say what was expected, and a digest of what lockstep must reproduce."""
+"""Reading bags, with errors that state what was expected, and a digest of what lockstep must reproduce."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from np_record.topics import BY_NAME, FORMER, TOPICS, Topic
 
 
 class MissingTopics(BagError):
-    """A bag without messages on topics that were asked for; information: what the recorder knew of the run."""
+    """A bag without messages on required topics; information: the recorder's run_info."""
 
     def __init__(self, text: str, information: dict):
         super().__init__(text)
@@ -91,7 +91,7 @@ class Recording:
 
     @property
     def information(self) -> dict:
-        """What the recorder knew of the run, {} where it said nothing. Raises BagError for what is no JSON object."""
+        """The recorder's run_info, {} where there is none. Raises BagError for what is no JSON object."""
         return self._files.information
 
     @property

@@ -23,14 +23,14 @@ _ZSTD = b"\x28\xb5\x2f\xfd"  # with which a compressed message begins; a seriali
 
 
 class BagError(ValueError):
-    """A bag that cannot be used; the text says what was expected and what was found."""
+    """A bag that cannot be used; the text states what was expected and what was found."""
 
 
 class BagFiles:
     """The files of a bag. Raises BagError for a path that is no bag, or a bag that was cut off.
 
-    counts: messages by name of the contract's topics. A topic of that name and of another type counts as none, but that compressed
-    images, also those of image_transport's topic `.../compressed`, are handed out as Image where the bag has no raw ones.
+    counts: messages by name of the contract's topics. A topic of that name and of another type counts as none. Compressed images are
+    an exception, also those of image_transport's topic `.../compressed`: they are returned as Image where the bag has no raw ones.
     """
 
     def __init__(self, path: Path):
@@ -50,7 +50,7 @@ class BagFiles:
 
     @cached_property
     def information(self) -> dict:
-        """What the recorder knew of the run, {} where it said nothing. Raises BagError for what is no JSON object."""
+        """The recorder's run_info, {} where there is none. Raises BagError for what is no JSON object."""
         text = (getattr(self._reader.storage.metadata, "custom", None) or {}).get("run_info", "{}")
         try:
             found = json.loads(text)

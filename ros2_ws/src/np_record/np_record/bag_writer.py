@@ -161,7 +161,7 @@ class BagWriter:
 
 
 class _Unbuffered(io.FileIO):
-    """A file to which a write is whole, or raises: what is buffered fails later, and nobody knows how much of it."""
+    """A file to which a write is whole, or raises: a buffered write fails later, after an unknown part of it."""
 
     def write(self, data) -> int:
         rest = memoryview(data).cast("B")

@@ -21,8 +21,8 @@ def read_joint_states(bag: str, messages: TopicMessages | None, names: Sequence[
     """(times (n,) ns, values (n, 3, k): position, velocity, effort) of these joints in this order; no messages are no rows.
 
     Messages may name further joints, in any order. Those that name none of these, as a gripper's, are passed over; so is one that comes
-    twice. Raises BagError where no message has the joints, where one has a part of them, and for arrays of another length or numbers of
-    these joints that are not finite.
+    twice. Raises BagError where no message has the joints and where one has a part of them. Also for arrays of another length, and for
+    numbers of these joints that are not finite.
     """
     topic = f"{bag}: {messages.topic.name}" if messages else bag
     stamps, values = _read(topic, messages, names)
@@ -51,7 +51,7 @@ def has_joint(messages: TopicMessages | None, names: Sequence[str]) -> bool:
 
 
 def read_joint_positions(messages: TopicMessages, name: str) -> np.ndarray:
-    """Finite positions (n,) of one joint in the messages that say one, whatever else is in them."""
+    """Finite positions (n,) of one joint in the messages that have one, whatever else is in them."""
     topic = messages.topic.name
     found = [
         numbers[0][:, named.index(name)]
@@ -115,11 +115,11 @@ def _group_by_layout(topic: str, messages: TopicMessages) -> Iterator[tuple[np.n
         except BagError as error:
             raise BagError(f"{topic.removesuffix(first.topic.name)}{error}") from error
         kinds += 1
-        fields, says = layout(JOINT_STATE, first.data), meaningful_bytes(JOINT_STATE, first.data)
+        fields, is_data = layout(JOINT_STATE, first.data), meaningful_bytes(JOINT_STATE, first.data)
         rows = left[sizes[left] == fields.itemsize] if kinds < _KINDS else left[:1]
         table = np.frombuffer(b"".join(messages.data[i] for i in rows), np.uint8).reshape(len(rows), -1)
         # Same length, same bytes before the numbers, and as many of these: same names, same layout.
-        text = STAMP.stop + np.flatnonzero(says[STAMP.stop : fields.fields["position.length"][1]])
+        text = STAMP.stop + np.flatnonzero(is_data[STAMP.stop : fields.fields["position.length"][1]])
         same = (table[:, text] == table[0, text]).all(axis=1)
         columns = table.view(fields)[:, 0]
         for part in _ARRAYS:

@@ -1,13 +1,13 @@
 """Serialized ROS 2 messages (CDR) without reading them one by one: the stamp, the padding, where fields lie.
 
-The one place that knows how a message lies on the wire.
+No other module depends on how a message lies on the wire.
 
 DDS leaves the bytes that align a field uninitialised, so two equal messages may differ in them. A recording
 in which equal messages are equal bit for bit needs them zeroed. `padding_filter` builds, for one message
 type, a function that walks a message and does that at a few microseconds a message; nothing is
 deserialized. `layout` walks one message to read or write thousands like it with numpy.
 
-Layout: 4 bytes of encapsulation, then the fields in order, each primitive aligned to its size counted from
+Layout: 4 bytes of encapsulation, then the fields in order. Each primitive is aligned to its size, counted from
 there (OMG DDS-XTYPES 1.3, 7.4.1, plain CDR version 1).
 """
 
@@ -89,9 +89,9 @@ def serialize(message) -> bytes:
 def layout(message_type: str, data: bytes, typestore: Typestore = TYPESTORE) -> np.dtype:
     """A dtype that reads and writes messages whose fields have the lengths that they have in `data`.
 
-    Of a stamped type it has the fields stamp.sec and stamp.nanosec, and of each sequence of numbers in the message
-    itself its name, a row of so many, and name.length, a count. The rest has no field. Expects little-endian bytes
-    that can be deserialized.
+    For a stamped type it has the fields stamp.sec and stamp.nanosec. Each sequence of numbers in the message itself
+    has two: its name, a row of numbers, and name.length, their count. The rest has no field. Expects little-endian
+    bytes that can be deserialized.
     """
     names, formats, offsets = ["stamp.sec", "stamp.nanosec"], ["<i4", "<u4"], [STAMP.start, STAMP.start + 4]
     walked, position = bytearray(data), _ORIGIN

@@ -54,9 +54,9 @@ def note_position_only(domain: Task) -> str:
 def score_outcome(
     domain: Task, said: Sequence[PhaseState], pose: Pose, goal: Pose, duration: float, early: str = ""
 ) -> Outcome:
-    """The outcome of an episode of which `said` was said up to its end or beyond, for an object that ended at `pose` (truth).
+    """The outcome of an episode with an object that ended at `pose` (truth).
 
-    early: why there is no end, where that is known.
+    said: the phases published up to its end or beyond; early: why there is no end, where the recording gives a reason.
     """
     distance, angle = pose_error(pose.position, pose.quaternion, goal.position, goal.quaternion)
     end = first_end(said)

@@ -50,7 +50,7 @@ class EpisodeData:
     domain: Task
     """Its task."""
     information: dict
-    """What the recorder knew of the run."""
+    """The recorder's run_info."""
     position: Series
     """Joints (n, 7) rad, measured."""
     velocity: Series
@@ -146,7 +146,7 @@ def load_episode(recording: Recording) -> EpisodeData:
 
 
 def read_recorded_task(recording: Recording) -> Task:
-    """The domain that a recording says it is of. Raises BagError."""
+    """The domain named in a recording's run_info. Raises BagError."""
     try:
         return read_domain(recording.information)
     except ValueError as error:
@@ -155,7 +155,7 @@ def read_recorded_task(recording: Recording) -> Task:
 
 
 def _early_end(recording: Recording) -> str:
-    """Why the recording ends before its episode, where it knows."""
+    """Why the recording ends before its episode, "" where its run_info gives no reason."""
     why = recording.information.get(INCOMPLETE)
     return f"the recording ends early: {why}" if why else ""
 

@@ -1,4 +1,4 @@
-"""The phases that a bag tells of, as they are said now and as releases before said them. No ROS."""
+"""The phases in a bag, in the format of this release and of former ones. No ROS."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from np_description.phases import EXCITE, PhaseState, split_reason
 from np_record.bag import BagError, Message
 
-PHASE_TOPICS = ("episode/phase", "phase")  # the newer first: where a bag has it, the other says the same
+PHASE_TOPICS = ("episode/phase", "phase")  # the newer first: where a bag has it, the other has the same phases
 
 
 def read_phase(bag: str, message: Message) -> PhaseState:
-    """What a recorded message of `episode/phase`, `episode/tick` or the former `phase` says; bag: what it is called.
+    """The phase in a recorded message of `episode/phase`, `episode/tick` or the former `phase`; bag: its name.
 
-    Raises BagError for one that cannot be read or says nothing of a phase.
+    Raises BagError for a message that cannot be read or has no phase.
     """
     try:
         decoded = message.decode()
@@ -25,12 +25,12 @@ def read_phase(bag: str, message: Message) -> PhaseState:
 
 
 def read_phase_changes(bag: str, messages: Mapping[str, Sequence[Message]]) -> list[tuple[int, PhaseState]]:
-    """(stamp ns, phase) in order, of a bag's messages by topic: of what is newer where it has both. Raises BagError."""
+    """(stamp ns, phase) in order, of a bag's messages by topic: of the newer topic where it has both. Raises BagError."""
     topic = next((name for name in PHASE_TOPICS if messages.get(name)), None)
     return [(message.stamp, read_phase(bag, message)) for message in messages[topic]] if topic else []
 
 
 def _former(text: str) -> PhaseState:
-    """Of the String that releases before said: "failed: post: timeout", "excite: dwell"."""
+    """The phase in a String of former releases: "failed: post: timeout", "excite: dwell"."""
     phase, rest = split_reason(text)
     return PhaseState(phase, experiment=rest) if phase == EXCITE else PhaseState(phase, reason=rest)

@@ -26,8 +26,8 @@ class Sequencer:
 
     emit(stamp ns, topic, data) is called in the order of (stamp, TOPICS, arrival). With `begin_at` what is
     older than the first message of that topic is left out, and nothing is emitted before it comes.
-    `repeated` counts messages that came twice, `lost` the gaps in the publishers' own numbering, and what is left out because a
-    backend was restarted, whose time begins anew before that of the bag.
+    `repeated` counts messages that came twice. `lost` counts the gaps in the publishers' own numbering, and messages left out
+    after a restart of the backend: its time begins anew, before that of the bag.
     """
 
     def __init__(self, emit: Callable[[int, Topic, bytes], None], begin_at: Topic | None = None):

@@ -1,8 +1,8 @@
 """Replay of a lockstep recording: which messages are fed, which must come back, and where they differ. No
 ROS.
 
-What the robot, the camera and the episode said is fed; what the detector, the policies, the planner and the
-controller answer is compared, byte by byte.
+Messages of robot, camera and episode are fed; those of detector, policies, planner and controller are compared,
+byte by byte.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from np_ros.processes.policy_path import policy_path_nodes
 
 BEFORE_TICK = ("keypoints", "gripper_command", "pre_contact_pose", "joint_trajectory", "approach/refusal")
 AFTER_TICK = ("target_gains", "target_pose", "effort_command")
-_UNSAID = {
+_DEFAULTS = {
     "domain": "card",
     "object": "default",
     "calibration": "",
     "weights": "",
     "seed": "0",
 }
-"""Launch arguments of a recording that does not say them: it is older than they are, and stays what it was where a default of the launch changes."""
+"""Launch arguments that are missing in an older recording: their values then, whatever the defaults of the launch are now."""
 REQUIRED = ("joint_states", "goal_keypoints", "episode/phase", "episode/tick", "effort_command")
 
 
@@ -41,11 +41,11 @@ class ReplayStep:
     first: list[Message] = field(default_factory=list)
     """Published first."""
     answers: list[Message] = field(default_factory=list)
-    """Expected in answer."""
+    """Expected in reply."""
     then: list[Message] = field(default_factory=list)
-    """Published after these answers."""
+    """Published after these replies."""
     final_answers: list[Message] = field(default_factory=list)
-    """Expected in answer to those."""
+    """Expected in reply to those."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Difference:
 
 
 class ReplayScript:
-    """A recording as steps. `live`: topics that nodes answer on; `specs`: those nodes, as they were run.
+    """A recording as steps. `live`: topics that nodes publish in replay; `specs`: those nodes, as they were run.
 
     Raises BagError for a recording that was not made in lockstep or lacks what is needed.
     """
@@ -77,7 +77,7 @@ class ReplayScript:
         self._recording = recording
         self.from_camera = recording.counts.get("camera/image_raw", 0) > 0
         self.live = (*BEFORE_TICK, *AFTER_TICK) if self.from_camera else (*BEFORE_TICK[1:], *AFTER_TICK)
-        nodes = policy_path_nodes({**_UNSAID, **recording.information, **({"weights": weights} if weights else {})})
+        nodes = policy_path_nodes({**_DEFAULTS, **recording.information, **({"weights": weights} if weights else {})})
         if not self.from_camera:
             del nodes["keypoint_detector"]
         self.specs = list(nodes.values())
@@ -110,7 +110,7 @@ class ReplayScript:
         name = message.topic.name
         if name in self.live:
             return step.answers if name in BEFORE_TICK else step.final_answers
-        # The phases after `pre` answer the plan; so does the tick.
+        # The phases after `pre` follow the plan; so does the tick.
         is_later = name == "episode/tick"
         if name == "episode/phase":
             is_later = read_phase(f"bag {self._recording.path}", message).phase not in (IDLE, PRE)
@@ -135,7 +135,7 @@ class ReplayComparison:
         return self.expected == self.received == self.identical
 
     def answer(self, expected: Message, got: bytes | None) -> None:
-        """One recorded answer and the serialized message that came for it, None where none did."""
+        """Compare a recorded reply with the serialized message that came for it, None where none did."""
         name = expected.topic.name
         index = self.expected[name]
         self.expected[name] += 1
@@ -143,7 +143,7 @@ class ReplayComparison:
         self.identical[name] += got == expected.data
         if got != expected.data and self.first is None:
             what = (
-                "expected an answer, none came"
+                "expected a message, none came"
                 if got is None
                 else describe_difference(expected.topic.type, expected.data, got)
             )

@@ -1,4 +1,4 @@
-"""The bench's reference controller: it answers every state with the present posture and no torque.
+"""The bench's reference controller: it replies to every state with the present posture and no torque.
 
 It uses rclpy's default executor and messages, to show what the graph's own controller adds or saves.
 """

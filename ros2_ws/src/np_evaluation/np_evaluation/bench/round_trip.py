@@ -1,5 +1,5 @@
-"""Measures the loops of a graph from outside: from a state's publication to the arrival of the command that
-answers it, and from an image's publication to the arrival of its keypoints.
+"""Measures the loops of a graph from outside: from a state's publication to the arrival of its command, and from
+an image's publication to the arrival of its keypoints.
 
 Times are the middleware's stamps: publication of a state, arrival of a command at this node, which is when it
 arrives at the backend too. The time that this node takes afterwards does not count.
@@ -25,14 +25,16 @@ class RoundTrip(Node):
     camera: frames, frame_rate, those without keypoints (frames_dropped), and from image to keypoints
     frame_p50_ms, frame_p99_ms.
 
-    missed: share of the states that were not answered within the deadline, or not at all. An image is known by
-    its camera_info, which goes before it.
+    missed: share of the states whose command came after the deadline, or never. An image counts from its
+    camera_info, which is published before it.
     """
 
     def __init__(self):
         super().__init__("round_trip")
         self._out = Path(parameter(self, "out", "round_trip.json", "File for the result."))
-        self._deadline = parameter(self, "deadline", 0.002, "Time in which a state must be answered, s.", 1e-4, 1.0)
+        self._deadline = parameter(
+            self, "deadline", 0.002, "Time in which the command for a state must arrive, s.", 1e-4, 1.0
+        )
         self._diagnostics = Diagnostics(self)
         self._forget()
         self.create_service(Trigger, "~/start", self._on_start)

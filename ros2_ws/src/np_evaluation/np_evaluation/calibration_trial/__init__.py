@@ -1,1 +1,1 @@
-"""Rendered calibrations with a known answer."""
+"""Rendered calibrations with a known result."""

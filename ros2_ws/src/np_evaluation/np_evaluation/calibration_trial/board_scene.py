@@ -1,8 +1,7 @@
-"""A rendered calibration: the board in the hand or on the table, seen by a camera whose place is known.
+"""A rendered calibration: the board in the hand or on the table, seen by a camera whose pose is known.
 
-The picture is drawn by MuJoCo at one and a half times the camera's resolution, then bent by its lens, blurred
-and given noise, so that what `calibrate` gets has passed through everything that a real image passes through,
-light apart.
+MuJoCo draws the picture at one and a half times the camera's resolution. Then it is distorted by the lens, blurred
+and given noise. So `calibrate` gets what a real image has passed through, light apart.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Rendered cameras whose places are known are calibrated, and what is claimed is held against the truth."""
+"""Rendered cameras whose poses are known are calibrated, and results and their bounds are compared with the truth."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def card_poses() -> list[Pose]:
 
 
 def true_view(calibration: Calibration, position: np.ndarray, rotation: np.ndarray) -> Camera:
-    """The camera whose images the camera node really publishes when it turns them as the calibration says."""
+    """The camera whose images the camera node really publishes when it turns them by the calibration."""
     turned = rotation @ calibration.turn.T
     return replace(CAMERA, position=tuple(position.tolist()), rotation=tuple(map(tuple, turned.tolist())))
 
@@ -114,7 +114,7 @@ def run_trial(number: int, arm: TrialArm, seed: int, views: int, folder: Path) -
     mount = table_mount(board)
     with closing(BoardScene(board, mount, position, rotation, in_hand=False, seed=number)) as scene:
         lying = record_rests(folder / f"{arm.name}_{number}_table", scene, [NOMINAL.ready], images=3)
-        # The tip really stands near the corner; joint_states say something a little else.
+        # The tip really stands near the corner; joint_states differ a little.
         touching = touch_postures(scene, rng.normal(0, arm.tip, (len(TOUCHED), 3)))
         reported = [q - offset - rng.normal(0, arm.noise, 7) for q in touching]
         touched = record_rests(folder / f"{arm.name}_{number}_touched", scene, reported, touching)
@@ -169,7 +169,7 @@ def _degrees(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def summary(rows: list[dict]) -> dict[str, object]:
-    """Medians, maxima, and how often the claimed bound held, by arm and method."""
+    """Medians, maxima, and how often the stated bound held, by arm and method."""
     found: dict[str, object] = {}
     for arm, method in sorted({(row["arm"], row["method"]) for row in rows}):
         own = [row for row in rows if (row["arm"], row["method"]) == (arm, method)]

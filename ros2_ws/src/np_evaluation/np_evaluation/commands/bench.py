@@ -41,15 +41,19 @@ def graph_round_trip(weights: str, seconds: float, logs: Path) -> dict[str, obje
 
 
 def observer(logs: Path, *remappings: tuple[str, str]) -> NodeSpec:
-    """The node that measures a graph, of the priority of the backend in whose place it listens: else it would count the
-    time that it waits for a core itself: on two busy cores, ten times as many late states as the loop has."""
+    """The node that measures a graph, with the priority of the backend whose topics it receives.
+
+    With less it would count its own wait for a core: on two busy cores, ten times as many late states as the loop has.
+    """
     out = {"out": str(logs / "round_trip.json")}
     return NodeSpec(PACKAGE, f"{PACKAGE}.bench.round_trip", "round_trip", out, remappings, realtime=LOOP_PRIORITY)
 
 
 def work_in_real_time(specs: list[NodeSpec], seconds: float, logs: Path) -> dict[str, object]:
-    """Episodes for so many seconds on a graph with a round_trip; what that says, episodes, stops by the guards, and
-    `cores`: how much of a core each process used."""
+    """Run episodes for so many seconds on a graph with a round_trip.
+
+    Returns the figures of round_trip, `episodes`, `stops` by the guards, and `cores`: how much of a core each process used.
+    """
     from np_evaluation.nodes.episode_runner_node import EpisodeRunner
     from np_ros.client.supervised_client import GraphError
 
@@ -70,8 +74,13 @@ def work_in_real_time(specs: list[NodeSpec], seconds: float, logs: Path) -> dict
                     stops += 1
             took, now = time.monotonic() - began, _processor_time(conductor)
             shares = {name: round((now[name] - used[name]) / took, 3) for name in now}
-    told = json.loads((logs / "round_trip.json").read_text())
-    return {**told, "episodes": episodes, "stops": stops, "cores": {**shares, "all": round(sum(shares.values()), 3)}}
+    measured = json.loads((logs / "round_trip.json").read_text())
+    return {
+        **measured,
+        "episodes": episodes,
+        "stops": stops,
+        "cores": {**shares, "all": round(sum(shares.values()), 3)},
+    }
 
 
 def _processor_time(conductor) -> dict[str, float]:
@@ -83,8 +92,10 @@ def _processor_time(conductor) -> dict[str, float]:
 
 
 def play_frames(weights: str, frames: int, logs: Path) -> dict[str, object]:
-    """The images of a recorded episode, again and again at their own 30 Hz, through the detector of a graph at
-    work in real time, whose policies see true keypoints; until so many have been played."""
+    """Play so many images of a recorded episode, over and over at their own 30 Hz, through the detector.
+
+    The graph around it runs in real time, and its policies use true keypoints.
+    """
     from np_evaluation.commands.common import running_graph
 
     recording = {"keypoints": "camera", "weights": weights, "bag": str(logs / "images"), "record_at_start": "false"}

@@ -1,5 +1,5 @@
-"""`calibration_trial --out DIR`: calibrate rendered cameras whose places are known, and compare claim with
-truth."""
+"""`calibration_trial --out DIR`: calibrate rendered cameras whose poses are known, and compare the results with
+the truth."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from np_common.cli import Parser
 
 def run(out: Path, cameras: int, views: int, seed: int) -> dict[str, object]:
     """Every camera with every arm; the summary. out: folder for calibration.json and _view.png."""
-    # Slow to import, and not wanted by --help.
+    # Slow to import, and not needed by --help.
     import numpy as np
 
     from np_common.cli import Progress

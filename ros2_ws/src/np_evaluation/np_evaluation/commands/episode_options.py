@@ -39,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser, *, jobs: int | None, out: str) 
 
 
 def check_options(parser: argparse.ArgumentParser, options: argparse.Namespace, counts: Iterable[str]) -> None:
-    """End the command with words where the options of `add_options`, or one of the counts, cannot be."""
+    """End the command with an error where an option of `add_options`, or one of the counts, is not usable."""
     for name in (*counts, "jobs", "contacts"):
         if getattr(options, name) < 1:
             parser.error(f"--{name}: expected at least 1, got {getattr(options, name)}")
@@ -49,8 +49,8 @@ def check_options(parser: argparse.ArgumentParser, options: argparse.Namespace, 
         parser.error(f"--engine physx: {missing()}")
 
 
-def run_command(name: str, play: Callable[[], Mapping], told: Callable[[Mapping], tuple[Mapping, int]]) -> int:
-    """Run the command called `name`; its exit status. told: what to print of the figures, as one JSON object, and the status."""
+def run_command(name: str, play: Callable[[], Mapping], summarize: Callable[[Mapping], tuple[Mapping, int]]) -> int:
+    """Run the command called `name`; its exit status. summarize: gives what to print of the figures, as one JSON object, and the status."""
     interrupt_on_sigterm()
     try:
         figures = play()
@@ -60,6 +60,6 @@ def run_command(name: str, play: Callable[[], Mapping], told: Callable[[Mapping]
     except (NodeDied, TimeoutError, LookupError, ValueError, OSError) as error:
         print(f"{name}: {error}", file=sys.stderr)
         return 1
-    last, status = told(figures)
+    last, status = summarize(figures)
     print(json.dumps(last))
     return status

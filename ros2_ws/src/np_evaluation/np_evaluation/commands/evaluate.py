@@ -62,10 +62,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def evaluate(options: argparse.Namespace) -> dict[str, object]:
-    """Run what is missing of the episodes asked for; the summary of all of them.
+    """Run what is missing of the requested episodes; the summary of all of them.
 
-    A graph that breaks down costs its episode; one that does not come up at all raises, and weights that
-    were trained for something else raise WeightsError before anything is started. The summary has the `warnings` of below.
+    A graph that breaks down costs its episode; one that does not come up at all raises. Weights that were trained for
+    something else raise WeightsError before anything is started. The summary has the `warnings` of `warnings_of`.
     """
     warnings = warnings_of(options)
     for warning in warnings:
@@ -138,8 +138,10 @@ def request_of(options: argparse.Namespace, where: dict[str, object]) -> RunRequ
 
 
 def warnings_of(options: argparse.Namespace) -> list[str]:
-    """How the weights differ from what runs here without being refused: contract, size of the object; and where the
-    effects ask for less than is physical."""
+    """How the weights differ from what runs here without being refused: contract, size of the object.
+
+    Also the parameters of the effects that are clipped to what is physical.
+    """
     from sim2real.effects.patch import load_patch
 
     from np_policy.contract import check_weights

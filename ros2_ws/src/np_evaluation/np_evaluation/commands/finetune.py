@@ -1,8 +1,8 @@
 """`finetune BAG... --domain DOMAIN --out DIR`: from recordings of the suites to recovered success.
 
-Diagnoses what is recorded (`diagnose`, and `diagnose_task` where a recording has the task suite), predicts success with it and without it, says which
-effect costs how much of it, trains the policies on with it, and judges them again. The same command goes on where it ended. The last line
-printed is one JSON object; DIR gets finetune.html, finetune.json, patch.yaml and weights/.
+Diagnoses the recordings (`diagnose`, and `diagnose_task` where one has the task suite). Predicts success with the patch and without it,
+and how much of it each effect costs. Trains the policies on with the patch, and judges them again. The same command goes on where it ended.
+The last line printed is one JSON object; DIR gets finetune.html, finetune.json, patch.yaml and weights/.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _reality(robot: RolloutCell, asked: str | None) -> RolloutCell | None:
-    """PhysX in the lab's place, with what a file says that the robot has."""
+    """PhysX in the lab's place, with the effects of a file."""
     if not asked:
         return None
     effects = Patch() if asked == "physx" else load_patch(asked)

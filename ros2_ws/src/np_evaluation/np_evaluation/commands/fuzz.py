@@ -28,7 +28,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point; the last line printed is one JSON object. Status 1: a node died or fell silent."""
+    """Entry point; the last line printed is one JSON object. Status 1: a node died or stopped publishing."""
     options = parser().parse_args(arguments)
     from np_bringup.task_graph import task_graph
     from np_evaluation.endurance.fuzz import Fuzzer
@@ -46,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         out = new_folder(options.out)
         graph = task_graph({"domain": options.domain, "bag": str(out / "bag")})
-        beside = [  # two would answer for one in an episode: they come when there are samples
+        beside = [  # in an episode each would be a second publisher of its topic: they start when there are samples
             NodeSpec("np_sim_bridge", "keypoint_oracle", parameters={"mode": "lockstep", "domain": options.domain}),
             NodeSpec("np_bringup", "robot_state", parameters={"domain": options.domain}),
         ]

@@ -1,4 +1,4 @@
-"""`simtest`: the graph's nodes in one process, over a simulated network, clock and arm, under faults that a seed draws; what is promised has to hold."""
+"""`simtest`: the graph's nodes in one process, over a simulated network, clock and arm, under faults that a seed draws; the guarantees have to hold."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point; the last line printed is one JSON object. Status 1: a promise was broken."""
+    """Entry point; the last line printed is one JSON object. Status 1: a guarantee was broken."""
     options = parser().parse_args(arguments)
     interrupt_on_sigterm()
     try:

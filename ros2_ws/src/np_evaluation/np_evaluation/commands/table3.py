@@ -47,7 +47,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def table3(options: argparse.Namespace) -> dict[str, object]:
-    """Play every cell; rows, totals and what was asked for. Raises ValueError for an object that no row has."""
+    """Play every cell; rows, totals and the request. Raises ValueError for an object that no row has."""
     asked = table_cells(options.domains, options.objects, options.scenarios)
     again = f"_contacts{options.contacts}" if options.contacts > 1 else ""
     place = options.out.resolve() / f"{options.engine}_{options.keypoints}_{options.seed}{again}"

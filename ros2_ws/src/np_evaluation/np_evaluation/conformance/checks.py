@@ -33,14 +33,14 @@ ANY, REAL_TIME, CAMERA, PAUSE = "any mode", "real time", "real time with a camer
 
 @dataclass(frozen=True)
 class ConformanceCheck:
-    """One promise of the contract."""
+    """One requirement of the contract."""
 
     words: str
-    """What is promised."""
+    """What is required."""
     asked_of: str
     """The kind of backend that it applies to."""
     run: Callable[[Harness], None]
-    """Raises BackendViolation or TimeoutError where the promise is broken."""
+    """Raises BackendViolation or TimeoutError where it is not met."""
 
 
 CHECKS: list[ConformanceCheck] = []
@@ -103,12 +103,14 @@ def states(harness: Harness) -> None:
         )
 
 
-@check("an accepted command moves the arm, and applied_command tells")
+@check("an accepted command moves the arm, and applied_command reports it")
 def follows(harness: Harness) -> None:
     applied = harness.peer.collect("applied_command", JointState)
     harness.wait(lambda: harness.peer.publishers("applied_command"), "applied_command")
     turn(harness)
-    harness.follow(harness.commands.turn, lambda: any(m.effort[6] > 1.0 for m in applied), "applied_command to tell")
+    harness.follow(
+        harness.commands.turn, lambda: any(m.effort[6] > 1.0 for m in applied), "applied_command to report it"
+    )
     for message in applied:
         joint_state_arrays(message, JOINT_NAMES)
         stamp = stamp_nanoseconds(message.header.stamp)
@@ -198,7 +200,7 @@ def nothing_to_recover(harness: Harness) -> None:
     )
 
 
-@check("states come without answers, and the arm holds", REAL_TIME)
+@check("states come without commands, and the arm holds", REAL_TIME)
 def command_timeout(harness: Harness) -> None:
     first = list(harness.states[-1].position[:7])
     start = harness.stamp
@@ -215,10 +217,10 @@ def silence(harness: Harness) -> None:
     turn(harness)
     silent_since = harness.stamp
     harness.wait_state("stopped")
-    # Since it was moving: who gets no processor hears of the turn's end and of the stop at once.
-    told = harness.said[::-1]
-    told = told[: told.index("moving")] if "moving" in told else told
-    expect("holding" in told, f"states: expected holding before stopped, got {harness.said}")
+    # Since it was moving: a process that got no processor time receives the turn's end and the stop at once.
+    since = harness.said[::-1]
+    since = since[: since.index("moving")] if "moving" in since else since
+    expect("holding" in since, f"states: expected holding before stopped, got {harness.said}")
     expect("silence" in harness.message, f"message: expected the silence to be named, got {harness.message!r}")
     least = silent_since + LIMITS.silence_ns - (LIMITS.late_periods + 1) * PERIOD
     expect(
@@ -231,21 +233,22 @@ def silence(harness: Harness) -> None:
     harness.follow(harness.commands.stay, lambda: harness.status.get("state") == "moving", "commands to be taken again")
 
 
-@check("one command and then silence are told as moving, holding, stopped", REAL_TIME)
+@check("one command and then silence are reported as moving, holding, stopped", REAL_TIME)
 def one_command(harness: Harness) -> None:
-    harness.resume()  # which is told: nothing is left to be
+    harness.resume()  # its states are reported by then: what follows is of the one command
     before = len(harness.said)
     taken = False
     while not taken:  # on a busy machine the one command may come too late, and is none then
         late = harness.refused("late")
         harness.send(harness.commands.stay(harness.states[-1]))
         harness.wait(
-            lambda: harness.status.get("state") != "ready" or harness.refused("late") > late, "an answer to a command"
+            lambda: harness.status.get("state") != "ready" or harness.refused("late") > late,
+            "a command to be taken or refused",
         )
         taken = harness.status.get("state") != "ready"
     harness.wait_state("stopped")
-    told = list(dict.fromkeys(state for state in harness.said[before:] if state != "ready"))
-    expect(told == ["moving", "holding", "stopped"], f"states: expected moving, holding, stopped, got {told}")
+    reported = list(dict.fromkeys(state for state in harness.said[before:] if state != "ready"))
+    expect(reported == ["moving", "holding", "stopped"], f"states: expected moving, holding, stopped, got {reported}")
 
 
 @check("images come at their own rate", CAMERA)

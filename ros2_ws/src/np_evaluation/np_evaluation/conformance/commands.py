@@ -1,7 +1,7 @@
 """The commands that move a backend: effort commands, 500 times a second, or targets of T_E with their gains, ten times.
 
-Either kind knows how to ask for rest and for a turn of the last joint, and every way to be wrong, by the
-reason that a refusal is counted under."""
+Either kind has commands for rest and for a turn of the last joint. It also has one wrong command for each reason
+that refusals are counted by."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class BackendCommands:
 
 
 def stay(state: JointState, **changes) -> JointState:
-    """The command that asks for the present posture with no torque; fields replaced by keyword."""
+    """The command to keep the present posture with no torque; fields replaced by keyword."""
     fields = dict(
         stamp=stamp_nanoseconds(state.header.stamp),
         names=JOINT_NAMES,
@@ -70,7 +70,7 @@ def stay(state: JointState, **changes) -> JointState:
 
 
 def pushing(torque: float, joint: int = 6) -> Callable[[JointState], JointState]:
-    """A controller that asks for the present posture, and for `torque` Nm on one joint."""
+    """A controller that commands the present posture, and `torque` Nm on one joint."""
     effort = [0.0] * 7
     effort[joint] = torque
     return lambda state: stay(state, effort=effort)
@@ -136,7 +136,7 @@ def target(
 
 
 def _without_labels(state):
-    """A target whose gains do not say what they are."""
+    """A target whose gains have a wrong label."""
     command = target(state)
     command["target_gains"].layout.dim[0].label = "row"
     return command

@@ -1,4 +1,4 @@
-"""The rest of the graph, played against one backend: its controller is whoever asks."""
+"""The rest of the graph, played against one backend: the caller is its controller."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from np_ros.client.graph_client import GraphClient
 
 
 class BackendViolation(AssertionError):
-    """The backend did not keep what the contract says; the text names what was expected and what came."""
+    """The backend broke the contract; the text names what was expected and what came."""
 
 
 def expect(kept: object, text: str) -> None:
-    """Raises Broken with `text` where `kept` does not hold."""
+    """Raises BackendViolation with `text` where `kept` does not hold."""
     if not kept:
         raise BackendViolation(text)
 
@@ -41,15 +41,15 @@ class TestedBackend:
 
 
 def silent(state: JointState) -> None:
-    """A controller that does not answer."""
+    """A controller that sends no command."""
 
 
 class Harness:
     """A backend with the caller as its controller; `meet` it before anything else.
 
-    `answer(state)` gives the command for a state, or None for silence; change it at will. It is asked as
-    often as the backend's kind of command is sent. `states` are all states received; `status`, `level`,
-    `message` the newest of the backend's diagnostics, `said` the watchdog's state in each of them.
+    `answer(state)` returns the command for a state, or None for no command; change it at will. It is called at
+    the rate of the backend's kind of command. `states` are all states received; `status`, `level`, `message`
+    the newest of the backend's diagnostics, `said` the watchdog's state in each of them.
     """
 
     def __init__(self, peer: GraphClient, backend: TestedBackend):
@@ -67,7 +67,7 @@ class Harness:
             peer.advertise(topic, message_type)
 
     def meet(self) -> None:
-        """Wait until the backend hears commands and has been heard."""
+        """Wait until the backend subscribes to commands and its first state has come."""
         self.wait(lambda: all(map(self.peer.matched, self.commands.sent)) and self.states, "the first state")
 
     def prepare(self) -> None:
@@ -102,14 +102,14 @@ class Harness:
         return stamp_nanoseconds(self.states[-1].header.stamp)
 
     def wait(self, condition: Callable[[], object], what: str) -> None:
-        """Spin until the condition holds; where it does not, the backend's last words are told."""
+        """Spin until the condition holds. Raises TimeoutError with the backend's newest diagnostics."""
         try:
             self.peer.wait_until(condition, what=what)
         except TimeoutError as error:
-            raise TimeoutError(f"{error}; {self.backend.name} said: {self.message} {self.status}") from error
+            raise TimeoutError(f"{error}; {self.backend.name} reported: {self.message} {self.status}") from error
 
     def wait_state(self, *states: str) -> None:
-        """Wait until the backend says that it is in one of these states."""
+        """Wait until the backend reports one of these states."""
         self.wait(lambda: self.status.get("state") in states, f"state {' or '.join(states)}")
 
     def send(self, command: Command) -> None:
@@ -119,7 +119,7 @@ class Harness:
             self.peer.publish(topic, message)
 
     def send_until_refused(self, make: Callable[[JointState], Command], reason: str) -> None:
-        """Answer states with `make(state)` until the count of refusals for `reason` has grown."""
+        """Send `make(state)` for every state until the count of refusals for `reason` has grown."""
         before = self.refused(reason)
         self.answer = make
         self.send(make(self.states[-1]))
@@ -147,10 +147,10 @@ class Harness:
         expect(response.success, f"{service}: expected success, got {response.message!r}")
 
     def follow(self, answer: Callable[[JointState], Command], until: Callable[[], object], what: str) -> None:
-        """Answer every state, beginning with the newest, until the condition holds.
+        """Send a command for every state, beginning with the newest, until the condition holds.
 
-        The state at which it does so is not answered any more. Where a busy machine has kept us from
-        answering for so long that the watchdog has rightly stopped the arm, recover and go on.
+        The state at which it holds gets no command. On a busy machine commands may come so late that the
+        watchdog rightly stops the arm: then recover and go on.
         """
         done = False
 

@@ -1,4 +1,4 @@
-"""Puts the checks to a backend that is running: what it is, what can be asked of it, and what it kept."""
+"""Runs the checks on a backend that is running: which kind it is, which checks apply, and which it passes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from np_ros.client.graph_client import GraphClient
 
 
 class NotTestable(RuntimeError):
-    """No check could be put; the text says what was expected and what came."""
+    """No check could be run; the text states what was expected and what came."""
 
 
 @dataclass(frozen=True)
@@ -26,18 +26,18 @@ class CheckResult:
     was_asked: bool
     """Whether it applies to the backend."""
     text: str
-    """What was broken, empty where it was kept; why it was not asked."""
+    """What failed, empty where nothing did; why it does not apply."""
     seconds: float = 0.0
     """Duration."""
 
     @property
     def mark(self) -> str:
-        """A word for a list."""
+        """Mark in a list of results: FAIL, ok, or - where the check does not apply."""
         return ("FAIL" if self.text else "ok") if self.was_asked else "-"
 
 
 def inspect_backend(peer: GraphClient, name: str) -> TestedBackend:
-    """The backend of this name, by its topics and services. Raises NotJudged."""
+    """The backend of this name, by its topics and services. Raises NotTestable."""
     node = peer.node
     try:
         peer.wait_until(lambda: name in node.get_node_names(), what=f"a node {name} in this ROS_DOMAIN_ID")
@@ -62,8 +62,8 @@ def inspect_backend(peer: GraphClient, name: str) -> TestedBackend:
     )
 
 
-def judge(peer: GraphClient, name: str, mode: str, tell: Callable[[CheckResult], None]) -> list[CheckResult]:
-    """Put every check that applies, telling each as it is done. Raises NotJudged."""
+def judge(peer: GraphClient, name: str, mode: str, on_result: Callable[[CheckResult], None]) -> list[CheckResult]:
+    """Run every check that applies, and call on_result with each result as it comes. Raises NotTestable."""
     backend = inspect_backend(peer, name)
     harness = Harness(peer, backend)
     try:
@@ -80,7 +80,7 @@ def judge(peer: GraphClient, name: str, mode: str, tell: Callable[[CheckResult],
     verdicts = []
     for check in CHECKS:
         if not asked[check.asked_of]:
-            verdict = CheckResult(check, False, f"asked of {check.asked_of} only")
+            verdict = CheckResult(check, False, f"applies to {check.asked_of} only")
         else:
             began, text = time.monotonic(), ""
             try:
@@ -90,13 +90,13 @@ def judge(peer: GraphClient, name: str, mode: str, tell: Callable[[CheckResult],
                 text = str(error)
             verdict = CheckResult(check, True, text, time.monotonic() - began)
         verdicts.append(verdict)
-        tell(verdict)
+        on_result(verdict)
     _leave(harness)
     return verdicts
 
 
 def _leave(harness: Harness) -> None:
-    """Ready, as it was found; where it cannot be, a check has said so."""
+    """Bring the backend back to ready; where that fails, a check has failed before."""
     try:
         harness.prepare()
     except (AssertionError, TimeoutError):

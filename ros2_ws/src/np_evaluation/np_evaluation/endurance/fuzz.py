@@ -17,7 +17,7 @@ from np_ros.client.graph_client import GraphClient
 from np_ros.processes.supervisor import NodeDied, Supervisor
 
 BATCH = 20  # messages after which it is looked whether everybody lives
-HEARD = 2  # diagnostics of a node, after the last message, until its counts are believed
+HEARD = 2  # diagnostics of a node, after the last message, until its counts are valid
 PATIENCE = 30.0  # s for them
 DRAIN = 1.0  # s in which the last messages arrive
 
@@ -35,7 +35,7 @@ class FuzzResult:
     died: dict[str, str] = field(default_factory=dict)
     """Last lines of the nodes that died, by node."""
     silent: list[str] = field(default_factory=list)
-    """Nodes that fell silent."""
+    """Nodes that stopped publishing diagnostics."""
 
 
 class Fuzzer:
@@ -54,7 +54,7 @@ class Fuzzer:
 
     @property
     def speaking(self) -> set[str]:
-        """The nodes that have been heard."""
+        """The nodes whose diagnostics have been received."""
         return set(self._heard)
 
     def has_samples(self, *topics: str) -> bool:
@@ -74,7 +74,7 @@ class Fuzzer:
         before = {name: self._refusals(name) for name in nodes}
         self._hears_itself = (
             topic.name == "diagnostics"
-        )  # what a node says of itself cannot be told from what we make up
+        )  # a node's own diagnostics cannot be distinguished from those that we make up
         for number in range(count):
             way, message = self._make(topic, kind)
             found.sent[way] = found.sent.get(way, 0) + 1
@@ -113,7 +113,7 @@ class Fuzzer:
             self._restart(death.name)
 
     def _wait_for_reports(self, nodes: list[str], found: FuzzResult) -> None:
-        """Wait until every node has spoken anew."""
+        """Wait until every node has published new diagnostics."""
         since = {name: self._heard.get(name, 0) for name in nodes}
         deadline = time.monotonic() + PATIENCE
         while waiting := [name for name in nodes if self._heard.get(name, 0) < since[name] + HEARD]:
@@ -130,7 +130,7 @@ class Fuzzer:
         kept = self._samples.setdefault(topic.name, [])
 
         def keep(data: bytes) -> None:
-            if len(kept) < 20 and not self._sends:  # else it would hear itself
+            if len(kept) < 20 and not self._sends:  # else it would collect its own messages
                 kept.append(bytes(data))
 
         profile = qos.LATCHED if topic.latched else qos.REALTIME_SUBSCRIBER

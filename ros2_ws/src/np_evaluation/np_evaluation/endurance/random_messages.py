@@ -84,7 +84,7 @@ def break_message(message, rng: np.random.Generator):
 
 
 def break_bytes(data: bytes, rng: np.random.Generator) -> bytes:
-    """Serialized bytes cut off, or with some of them changed behind the four that say how they are written."""
+    """Serialized bytes cut off, or with some of them changed after the four of the encapsulation header."""
     kept = bytearray(data[: int(rng.integers(4, max(5, len(data))))] if rng.random() < 0.5 else data)
     for _ in range(int(rng.integers(1, 5))):
         if len(kept) > 4:

@@ -47,7 +47,7 @@ class Learning:
 
 
 def split_trainable(patch: Patch) -> tuple[Patch, list[str]]:
-    """The part of a patch that training has in its simulator, and what is left out, in words."""
+    """The part of a patch that training has in its simulator, and the names of the effects that are left out."""
     kept = [e for e in patch.effects if "training" in e.definition.supported_in]
     left = [f"{e.effect} at {e.component}" for e in patch.effects if "training" not in e.definition.supported_in]
     return Patch(tuple(kept)), left
@@ -67,11 +67,11 @@ def train_and_distill(
     weights: str = "",
     is_over: Callable[[], bool] = lambda: False,
 ) -> dict:
-    """Train on and distil into out/weights, beside which old weights stay as they are; what the last lines of both said. out/weights_old_student
-    has the new policy behind the old student, whose contacts are those that the planner expects where the camera is off.
+    """Train on and distil into out/weights; the results that both print last. The folder of the old weights is not changed.
 
-    Done once out/learned.json is there. is_over: asked every second whether it shall end at once. Raises OSError, with the last words, where
-    training ends with an error or there is no checkpoint to go on from, and Ended.
+    out/weights_old_student has the new policy with the old student, whose contacts are those that the planner expects where the camera is off.
+    Done once out/learned.json is there. is_over: called every second; True ends it at once. Raises OSError, with the last line of the log,
+    where training ends with an error or there is no checkpoint to go on from, and TrainingInterrupted.
     """
     if (known := read_training_result(out)) is not None:
         return known
@@ -130,7 +130,7 @@ def _run(
     gpu: int | None,
     is_over: Callable[[], bool] = lambda: False,
 ) -> dict:
-    """Run a module until it ends, about `seconds`; its last line, which is JSON. Raises OSError with its last words, and Ended."""
+    """Run a module until it ends, about `seconds`; its last line, which is JSON. Raises OSError with its last line, and TrainingInterrupted."""
     environment = dict(os.environ)
     if gpu is not None:
         # Of those that this process sees, which may be some of the machine's.
@@ -168,7 +168,7 @@ def _run(
 
 
 def _last_json(words: Sequence[str], log: Path) -> dict:
-    """The last line that is a JSON object: libraries have their last words after it. Raises OSError where there is none."""
+    """The last line that is a JSON object: libraries may print lines after it. Raises OSError where there is none."""
     for line in reversed(words):
         if line.startswith("{"):
             try:

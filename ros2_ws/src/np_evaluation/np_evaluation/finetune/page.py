@@ -1,4 +1,4 @@
-"""finetune.html: from gap to recovered success on one page, in plain words."""
+"""finetune.html: from gap to recovered success on one page, in plain English."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def sentence(told: Mapping) -> str:
         names = ", ".join(_name(name) for name in told["corrected"])
         worse = ", which is not better: leave it" if told["kept"] == "before" else ""
         said.append(
-            f"With detector and driver told of {names} it comes to {_percent(told['success']['patched_corrected'])}{worse}."
+            f"With {names} corrected in detector and driver it comes to {_percent(told['success']['patched_corrected'])}{worse}."
         )
     if told["learned"] is None:
         said.append("Nothing was trained: training has none of what is left.")
@@ -113,7 +113,7 @@ def _curve(ax, log: Path) -> None:
 
 
 def _describe(effect) -> str:
-    """An effect of the patch in words; intervals are in the doctor's own report."""
+    """An effect of the patch as text; intervals are in the report of the diagnosis."""
     values = {name: _Plain(value) for name, value in effect.values.items()}
     return describe_effect(effect.definition, effect.component, values, "the simulator")
 

@@ -1,7 +1,7 @@
 """Scores of policies on robots, episode by episode: the same tasks for all of them, on many processes, kept as they come.
 
 A score is 0 for a failure, and for a success .5 to 1: half of the room that was left is in it, in distance, angle or time, whichever was least.
-Where every episode succeeds, the score still tells what comes near to failing.
+Where every episode succeeds, the score still shows what comes near to failing.
 """
 
 from __future__ import annotations

@@ -76,8 +76,10 @@ class FinetuneSettings:
 
 
 def check_episodes(bags: Sequence[Path], domain: str) -> None:
-    """Raises BagError for a recording of episodes of another domain: what is seen in it another detector saw. What `excite` recorded is of the robot,
-    whatever object lay there; of a recording that does not say what it is nothing is known."""
+    """Raises BagError for a recording of episodes of another domain: its keypoints are of another detector.
+
+    A recording of `excite` is of the robot, whatever object lay there. A recording without a domain is accepted.
+    """
     for bag in bags:
         with Recording(bag) as recording:
             said = recording.information
@@ -88,8 +90,10 @@ def check_episodes(bags: Sequence[Path], domain: str) -> None:
 
 
 def diagnose_bags(bags: Sequence[Path], out: Path) -> Patch:
-    """The patch that the diagnosis finds in recordings of the suites: `diagnose` of those of the arm, `diagnose_task` of those with keypoints, and out/patch.yaml of
-    both. Raises OSError where a doctor refuses, with its words, ValueError where `out` has what was found in other recordings."""
+    """The patch that the diagnosis finds in recordings of the suites: `diagnose` of those of the arm, `diagnose_task` of those with keypoints.
+
+    out/patch.yaml has both. Raises OSError where a diagnosis fails, with its message, and ValueError where `out` is of other recordings.
+    """
     whole, of = out / "patch.yaml", out / "recordings.txt"
     given = "".join(f"{bag.resolve()}\n" for bag in sorted(bags))
     known = of.read_text(encoding="utf-8") if of.exists() else given
@@ -237,7 +241,7 @@ def _effect_costs(what: FinetuneSettings, blamed: dict[str, Patch], played: dict
     success |= {asked[frozenset()]: played["nominal"][:count], asked[frozenset(names)]: played["patched"][:count]}
     scores = {some: np.array(success[label], float) for some, label in asked.items()}
     lost = with_intervals(shapley(names, {some: np.array(succeeds(each), float) for some, each in scores.items()}))
-    # Where success is at 1 with every effect, room for it is what tells them apart.
+    # Where success is at 1 with every effect, only the score shows a difference between them.
     every = frozenset(names)
     taken = {name: mean_and_interval(scores[every - {name}] - scores[every]) for name in names}
     shares = with_intervals(shapley(names, scores))

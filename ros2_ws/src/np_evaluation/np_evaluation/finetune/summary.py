@@ -34,7 +34,7 @@ def summarize(
     success = {name: _rate(succeeds(each)) for name, each in scores.items()}
     remaining = corrections(patch).remaining
     left_out = split_trainable(remaining)[1]
-    # What is best is what the simulator that knows the gap says: reality is asked once, not to choose.
+    # The best is chosen in the simulator with the patch: reality is measured once, and not to choose.
     kept = max((k for k, name in KEPT.items() if name in scores), key=lambda k: sum(scores[KEPT[k]]))
     lost = _paired_difference(scores["nominal"], scores["patched"])
     returned = None if kept == "before" else _paired_difference(scores[KEPT[kept]], scores["patched"])

@@ -1,6 +1,6 @@
 """The conductor: a node of the demo and the evaluation that resets, starts and follows episodes.
 
-It is the only one besides the recorder to hear the true object pose.
+It is the only one besides the recorder that subscribes to the true object pose.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _KEPT = 50  # states that wait for the pose of their stamp
 class EpisodeRunner(SupervisedGraphClient):
     """Runs episodes on the graph of a supervisor, whose robot the node `backend` owns.
 
-    on_phase(phase, s of simulated time since the reset) is told every change, on_tick(s) every policy tick.
+    on_phase(phase, s of simulated time since the reset) is called at every change, on_tick(s) at every policy tick.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class EpisodeRunner(SupervisedGraphClient):
         timeout: float = 120.0,
         services: Sequence[str] | None = None,
     ) -> None:
-        """Until all nodes are up and matched, and the services, those of episodes where none are named, are there.
+        """Wait until all nodes are up and matched, and the services are there; None: those of episodes.
 
         Raises NodeDied or TimeoutError.
         """

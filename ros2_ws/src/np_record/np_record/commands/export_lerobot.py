@@ -15,7 +15,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("bags", nargs="+", type=Path, help="bags; of each its first episode")
     parser.add_argument("--out", type=Path, required=True, help="folder to make")
     options = parser.parse_args(arguments)
-    # Slow to import, and not wanted by --help.
+    # Slow to import, and not needed by --help.
     from np_record.bag import BagError
     from np_record.lerobot.layout import SUCCESS, DataSetError
     from np_record.lerobot.reading import read_data_set

@@ -15,7 +15,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("bags", nargs="+", type=Path, help="bags, one episode each")
     parser.add_argument("--out", type=Path, default=Path("report.html"), help="file to write (report.html)")
     options = parser.parse_args(arguments)
-    # Slow to import, and not wanted by --help.
+    # Slow to import, and not needed by --help.
     from np_record.bag import BagError
     from np_record.report.episodes import make_section, write_report
 

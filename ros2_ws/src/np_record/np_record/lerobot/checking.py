@@ -1,4 +1,4 @@
-"""The tables of a LeRobot data set held against each other: each says which rows, times and pictures are whose."""
+"""The tables of a LeRobot data set compared with each other: each assigns rows, times and pictures to episodes."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def read_episode_frames(recording: Recording) -> EpisodeFrames:
 
     A frame has the newest message of each topic whose stamp is not after its own. `action` and `command.effort` are the
     last command before the next frame: where the joints were to be by then, and with what torque. `policy.target` is
-    what the policy answered to the frame, zeros where none was asked. `observation.environment_state` is left out
+    the policy's output for the frame, zeros where there is none. `observation.environment_state` is left out
     where the recording has no `object_pose`: on a real arm. With it the truth at the end decides the success, as in reports.
     """
     where = f"bag {recording.path}"
@@ -85,7 +85,7 @@ def read_episode_frames(recording: Recording) -> EpisodeFrames:
     changes = read_phase_changes(where, recording.rows(*PHASE_TOPICS))
     began = next((stamp for stamp, said in changes if said.phase == PRE), None)
     if began is None:
-        raise BagError(f"{where}: expected an episode, phase {PRE} was never said")
+        raise BagError(f"{where}: expected an episode, phase {PRE} was never published")
     changes = [change for change in changes if change[0] >= began]
     end = first_end([said for _, said in changes])
     ended = next((stamp for stamp, said in changes if said is end), recording.end)
@@ -142,7 +142,7 @@ def _phases(changes, times: np.ndarray) -> list[str]:
 
 
 def _targets(stamps: np.ndarray, poses: np.ndarray, gains, times: np.ndarray) -> np.ndarray:
-    """The policy's answer (n, 21) to the frames: gains have no stamp, and are those said first after the image was taken."""
+    """The policy's output (n, 21) for the frames: gains have no stamp, and are the first published after the image was taken."""
     answers = np.zeros((len(times), poses.shape[1] + gains[1].shape[1]))
     for row, time in enumerate(times):
         mine = np.flatnonzero(np.abs(stamps - time) <= _ROUNDING)

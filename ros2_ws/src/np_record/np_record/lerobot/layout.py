@@ -1,7 +1,7 @@
 """Where a LeRobot data set of format v3.0 has what, and how a feature is called here.
 
-The format: https://huggingface.co/docs/lerobot/lerobot-dataset-v3. It packs many episodes in a file, and says in
-meta/episodes which rows of which table, and which seconds of which video, are whose.
+The format: https://huggingface.co/docs/lerobot/lerobot-dataset-v3. It packs many episodes in a file. meta/episodes
+gives the rows of which table, and the seconds of which video, that belong to each episode.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ FIRST = {"chunk_index": 0, "file_index": 0}
 
 STATE = "observation.state"
 KEYPOINTS = "observation.keypoints"
-OBJECT = "observation.environment_state"  # LeRobot's own name for what a simulator knows and a robot does not
+OBJECT = (
+    "observation.environment_state"  # LeRobot's own name for state that a simulator has and a robot does not measure
+)
 GOAL = "observation.goal"
 CAMERA_IMAGE = "observation.images.camera"
 ACTION = "action"
@@ -30,7 +32,7 @@ DONE, SUCCESS = "next.done", "next.success"
 
 
 class DataSetError(ValueError):
-    """A data set that cannot be written or read; the text says what was expected and what came."""
+    """A data set that cannot be written or read; the text states what was expected and what came."""
 
 
 @dataclass(frozen=True)

@@ -36,15 +36,15 @@ class DataSet:
         return float(self.information["fps"])
 
     def names(self, feature: str) -> list[str] | None:
-        """What the numbers of a feature are, None where the set does not say."""
+        """Names of the numbers of a feature, None where the set has none."""
         names = self.information["features"][feature].get("names")
         return [name for part in names.values() for name in part] if isinstance(names, dict) else names
 
     def images(self, feature: str, episode: int) -> Iterator[np.ndarray]:
         """The pictures (height, width, 3) uint8 RGB of an episode: for each of its rows that of its timestamp.
 
-        Raises DataSetError for a feature that is no video, for a video that OpenCV cannot decode (as AV1), and for a row without a
-        picture of its time.
+        Raises DataSetError for a feature that is no video, and for a video that OpenCV cannot decode (as AV1). Also for a row
+        without a picture of its time.
         """
         about = self.episodes[episode]
         if feature not in about.clips:

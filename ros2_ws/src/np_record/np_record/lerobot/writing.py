@@ -1,4 +1,4 @@
-"""Recorded episodes written as a LeRobot data set: one table, one video, and what says which rows of them are whose."""
+"""Recorded episodes written as a LeRobot data set: one table, one video, and the rows of them that belong to each episode."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def write_data_set(
 ) -> dict:
     """Write the first episode of each bag to the new folder `root`; the data set's information (meta/info.json).
 
-    show: told how many bags are done. Raises DataSetError where the folder exists, pyarrow is missing, or an
+    show: called with the number of bags done. Raises DataSetError where the folder exists, pyarrow is missing, or an
     episode has other features than the first; BagError for a bag without an episode; OSError.
     """
     root = Path(root)
@@ -48,7 +48,7 @@ def write_data_set(
 
 
 class _Episodes:
-    """What has been read so far, and the files that tell of it."""
+    """What has been read so far, and the files that describe it."""
 
     def __init__(self, root: Path):
         self._root = root

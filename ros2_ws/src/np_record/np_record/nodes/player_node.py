@@ -1,4 +1,4 @@
-"""The player: stands where robot, camera and episode stood, says what they said, hears the answers."""
+"""The player: publishes what robot, camera and episode published in a recording, and compares what the nodes publish."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _EVENTS = ("gripper_command", "pre_contact_pose", "joint_trajectory", "approach/
 
 
 class Player(SupervisedGraphClient):
-    """Plays a script to the nodes of a supervisor and compares what they answer.
+    """Plays a script to the nodes of a supervisor and compares their replies.
 
-    patience: s of wall time in which an answer must come.
+    patience: s of wall time in which a reply must come.
     """
 
     def __init__(self, supervisor: Supervisor, script: ReplayScript, patience: float = 60.0):
@@ -45,7 +45,7 @@ class Player(SupervisedGraphClient):
             )
 
     def wait_until_ready(self, names: set[str], timeout: float = 120.0) -> None:
-        """Until the nodes are up and matched, among each other and with the player, which they have found as well."""
+        """Wait until the nodes are up, and matched with each other and with the player, in both directions."""
         self._wait(
             lambda: self._links.are_complete(names),
             timeout,
@@ -55,11 +55,11 @@ class Player(SupervisedGraphClient):
             self._services.be_found(name, timeout)
 
     def play(self, step: ReplayStep) -> bool:
-        """One step: say, hear, compare. False if an answer stayed away: no other is to be relied on."""
-        for said, awaited in ((step.first, step.answers), (step.then, step.final_answers)):
-            for message in said:
+        """One step: publish, receive, compare. False if a reply is missing: later ones are not reliable."""
+        for sent, awaited in ((step.first, step.answers), (step.then, step.final_answers)):
+            for message in sent:
                 self._publishers[message.topic.name].publish(message.data)
-            if not self._hear(awaited):
+            if not self._receive(awaited):
                 return False
         return True
 
@@ -71,7 +71,7 @@ class Player(SupervisedGraphClient):
             while received:
                 self.comparison.extra(name, stamp, received.popleft())
 
-    def _hear(self, awaited: list[Message]) -> bool:
+    def _receive(self, awaited: list[Message]) -> bool:
         for message in awaited:
             received = self._received[message.topic.name]
             try:

@@ -21,16 +21,16 @@ from np_ros.parameters import check_known
 
 _LOOK = 0.2  # s between looks at the writer
 _QUIET = 0.3  # s without a message sent before a stop after which all of these are taken to be here: three heartbeats
-_PATIENCE = 1.0  # s after which a stop waits no longer, whatever another host's clock says of its messages
+_PATIENCE = 1.0  # s after which a stop waits no longer, whatever stamps another host's clock gives its messages
 
 
 class Recorder(Node):
     """Bags are called <bag>_000, <bag>_001, ...; an existing one is never overwritten.
 
-    A bag begun by `~/start` begins with the state of the next reset (the stamp of `goal_pose`). `~/start`
-    fails while a topic of `required` has no publisher yet, saying which. `~/stop` answers with JSON: bag,
-    messages, repeated, lost. SIGINT and SIGTERM close an open bag like `~/stop`. Where a bag cannot be written further (a
-    full disk) the node says so and ends with status 1; the bag is closed with what it has.
+    A bag begun by `~/start` begins with the state of the next reset (the stamp of `goal_pose`). `~/start` fails
+    while a topic of `required` has no publisher yet, and its response names the topic. The response of `~/stop`
+    is JSON: bag, messages, repeated, lost. SIGINT and SIGTERM close an open bag like `~/stop`. Where a bag cannot
+    be written further (a full disk) the node reports it and ends with status 1; the bag is closed with what it has.
     """
 
     def __init__(self):
@@ -77,12 +77,12 @@ class Recorder(Node):
         super().destroy_node()
 
     def _look_after_writer(self) -> None:
-        """What it has failed at is told also where no further message comes."""
+        """Report a failure of the writer also where no further message comes."""
         if self._writer is not None and self._writer.has_failed:
             self._give_up()
 
     def _give_up(self) -> None:
-        """The writer has failed: tell it, and end, so that whoever has started the node learns of it at once."""
+        """The writer has failed: report it, and end, so that the supervisor detects it at once."""
         writer, self._writer, self._sequencer = self._writer, None, None
         try:
             writer.close()
@@ -134,14 +134,14 @@ class Recorder(Node):
 
     def _take_what_is_under_way(self) -> None:
         """Take what was sent before now. In real time the arm goes on sending: that does not hold up the end."""
-        asked, begun = time.time_ns(), time.monotonic()
-        heard = begun
-        while max(time.monotonic() - heard - _QUIET, time.monotonic() - begun - _PATIENCE) < 0:
+        requested, begun = time.time_ns(), time.monotonic()
+        received = begun
+        while max(time.monotonic() - received - _QUIET, time.monotonic() - begun - _PATIENCE) < 0:
             for subscription in self._subscriptions_by_topic.values():
                 while (taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)) is not None:
                     subscription.callback(*taken)
-                    if taken[1]["source_timestamp"] <= asked:
-                        heard = time.monotonic()
+                    if taken[1]["source_timestamp"] <= requested:
+                        received = time.monotonic()
             time.sleep(_QUIET / 10)
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
