@@ -4,10 +4,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from np_control.safety import State
-from np_franka.state_throttle import PASSING, TOLD_EVERY, StateChangeThrottle
+from np_franka.state_throttle import PASSING, REPORTED_EVERY, StateChangeThrottle
 
 CYCLE = 1_000_000  # ns
-LASTING = TOLD_EVERY // CYCLE
+LASTING = REPORTED_EVERY // CYCLE
 stretches = st.lists(st.tuples(st.sampled_from(State), st.integers(1, 2 * LASTING)), min_size=1)
 
 

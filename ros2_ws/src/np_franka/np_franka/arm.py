@@ -39,7 +39,7 @@ class FrankaArm:
         self._ask("set_collision_behavior", *self._thresholds)
 
     def facts(self) -> RobotFacts:
-        """What the robot says of itself before it is moved."""
+        """What the robot reports before it is moved."""
         deadline = monotonic() + SETTLING
         while (facts := self._ask("facts")).mode != READY_MODE and monotonic() < deadline:
             pass
@@ -55,7 +55,7 @@ class FrankaArm:
         return self._ask("read")
 
     def write(self, torque: np.ndarray, *, last: bool = False) -> None:
-        """Answer the state just read with torque (7,) Nm, without gravity; the last one ends the motion."""
+        """Reply to the state just read with torque (7,) Nm, without gravity; the last one ends the motion."""
         self._ask("write", torque, last)
         self.is_controlled = not last
 

@@ -6,14 +6,14 @@ from collections.abc import Callable
 from queue import Empty, SimpleQueue
 from threading import Thread
 
-TIMEOUT = 1.5  # s for the other thread: libfranka gives a robot up after 1 s, and its own words are the better ones
+TIMEOUT = 1.5  # s for the other thread: libfranka gives a robot up after 1 s, and its own error is more precise
 
 
 class CallbackLoopAdapter:
     """Runs `loop` in a thread of its own; at any time one of the two threads waits for the other.
 
     loop: is given a callback from (state, duration) to torques, and calls it until the motion is over. However
-    it ends, `read` and `finish` raise a RuntimeError that says so, over and over, but for a `finish` after which
+    it ends, every later `read` and `finish` raises a RuntimeError with the cause, but for a `finish` after which
     it has just returned. Where it neither calls back nor ends, they raise TimeoutError."""
 
     def __init__(self, loop: Callable[[Callable], None]):
@@ -36,11 +36,11 @@ class CallbackLoopAdapter:
         return state
 
     def write(self, torques: object) -> None:
-        """Answer the state just read."""
+        """Reply to the state just read."""
         self._answers.put(torques)
 
     def finish(self, torques: object) -> None:
-        """Answer with the last torques and wait for the loop's end. RuntimeError, TimeoutError."""
+        """Reply with the last torques and wait for the loop's end. RuntimeError, TimeoutError."""
         self._answers.put(torques)
         self._thread.join(TIMEOUT)
         if self._thread.is_alive():
@@ -48,7 +48,7 @@ class CallbackLoopAdapter:
         self._raise()
 
     def abandon(self) -> None:
-        """End the loop by an error in place of an answer, and wait for it, but not for ever."""
+        """End the loop by an error in place of a reply, and wait for it, but not for ever."""
         self._answers.put(None)
         self._thread.join(TIMEOUT)
 
@@ -62,7 +62,7 @@ class CallbackLoopAdapter:
     def _run(self, loop: Callable[[Callable], None]) -> None:
         try:
             loop(self._call)
-        except BaseException as error:  # whatever it is: the other thread waits, and nobody else is told
+        except BaseException as error:  # whatever it is: the other thread waits, and nothing else reports it
             self._error = error
         finally:
             self._states.put(None)

@@ -20,9 +20,9 @@ MASS_TOLERANCE = 0.1  # kg: less than any other tool differs, more than rounding
 
 @dataclass(frozen=True)
 class RobotFacts:
-    """What the robot says of itself.
+    """What the robot reports.
 
-    mode: the robot's own word; errors: those that it has, or empty; end_effector_mass, load_mass kg: what it
+    mode: as the robot names it; errors: those that it has, or empty; end_effector_mass, load_mass kg: what it
     compensates at its flange."""
 
     mode: str

@@ -1,4 +1,4 @@
-"""What the driver asks of a client of the robot's protocol, whichever package it comes from. No ROS."""
+"""What the driver requires of a client of the robot's protocol, whichever package it comes from. No ROS."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from np_franka.checklist import RobotFacts
 
 MILLISECOND = 1_000_000  # ns
 ROBOT_OF_PROTOCOL = {3: "panda", 4: "panda", 5: "panda", **dict.fromkeys(range(6, 11), "fr3")}
-"""Which robot speaks which version of the research interface: Franka's compatibility matrix."""
+"""Which robot uses which version of the research interface: Franka's compatibility matrix."""
 _VERSIONS = re.compile(r"server version: (\d+), library version: (\d+)")
 
 
@@ -36,11 +36,10 @@ class ArmReading:
 
     time: ns on the robot's clock, whole milliseconds. q (7,) rad, dq (7,) rad/s: joint side; torque (7,) Nm:
     measured at the joints, without gravity; theta (7,) rad, dtheta (7,) rad/s: motor side, None where the
-    client does not tell; commanded (7,) Nm: the torque that the drives were told, without gravity; wrench
+    client does not report it; commanded (7,) Nm: the torque commanded to the drives, without gravity; wrench
     (6,) N, Nm: the robot's own estimate of the external one (O_F_ext_hat_K), base axes, about the stiffness
-    frame, which is the end effector's unless it was set otherwise. mode,
-    errors: the robot's own words, errors empty if it has none. success_rate: share of the last 100 commands
-    that came in time, 0..1.
+    frame, which is the end effector's unless it was set otherwise. mode, errors: as the robot names them, errors
+    empty if it has none. success_rate: share of the last 100 commands that came in time, 0..1.
     """
 
     time: int
@@ -67,7 +66,7 @@ class Client(Protocol):
         """Stop at external torques (7,) Nm of the joints, or at a wrench (6,) N, Nm at the hand."""
 
     def facts(self) -> RobotFacts:
-        """What the robot says of itself, by the next state, while it is not controlled."""
+        """What the robot reports in the next state, while it is not controlled."""
 
     def start(self) -> None:
         """Begin to take torques."""
@@ -76,7 +75,7 @@ class Client(Protocol):
         """Wait for the next state."""
 
     def write(self, torque: np.ndarray, last: bool) -> None:
-        """Answer the state just read with torque (7,) Nm, without gravity; the last one ends the motion."""
+        """Reply to the state just read with torque (7,) Nm, without gravity; the last one ends the motion."""
 
     def clear_errors(self) -> None:
         """Let the robot recover from its reflexes; it does not move."""
@@ -99,11 +98,11 @@ def translate_errors(method: Callable) -> Callable:
 
 
 def mismatch(robot: str, package: str, hostname: str, error: Exception) -> ArmError | None:
-    """The refusal of a robot that speaks another version than the package chosen by `robot`, which names
+    """The error for a robot with another version of the protocol than the package chosen by `robot`: it names
     both; None where `error` is something else."""
     if hasattr(error, "server_version"):  # panda_py's own
         server, library = error.server_version, error.library_version
-    elif found := _VERSIONS.search(str(error)):  # libfranka's words
+    elif found := _VERSIONS.search(str(error)):  # libfranka's message
         server, library = map(int, found.groups())
     else:
         return None

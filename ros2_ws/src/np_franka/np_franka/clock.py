@@ -1,9 +1,9 @@
 """The driver's clock: it goes as the robot's does, and is led towards the host's. No ROS.
 
-Stamps go with the robot's clock, for what is derived from states wants their true distances. Targets carry
-the host's time, that of the camera's images, and 100 ppm are 150 ms after 25 minutes. So the origin follows
-the host's clock, by no more than quartz may be off: nobody sees a step. A state cannot arrive before it was
-taken, so of many arrivals the earliest tells how the two clocks stand, however late the others are.
+Stamps go with the robot's clock, because derivatives of states require their true distances in time. Targets
+carry the host's time, that of the camera's images, and 100 ppm are 150 ms after 25 minutes. So the origin
+follows the host's clock, by no more than quartz may be off: stamps have no step. A state cannot arrive before it
+was taken. So the earliest of many arrivals gives the offset of the two clocks, however late the others are.
 """
 
 from __future__ import annotations

@@ -23,9 +23,9 @@ REST_TIMEOUT = 2.0  # s that the arm may take to come to rest at the end
 
 @dataclass(frozen=True, eq=False)
 class Cycle:
-    """One cycle: `stamp` ns on the driver's clock, what the robot said, what was applied then.
+    """One cycle: `stamp` ns on the driver's clock, the robot's state, what was applied then.
 
-    On board, answer: of the controller, unless it is silent; refusal: where that, or a target, was refused;
+    On board, answer: the controller's command, unless it is silent; refusal: where that, or a target, was refused;
     clamped: whether a target was cut to the workspace."""
 
     stamp: int
@@ -40,9 +40,9 @@ class Driver:
     """Reads a state, guards and sends the newest command, over and over: call `cycle` without pause.
 
     Between commands the last one holds: torques change at the controller's rate, guards act at the robot's.
-    With a controller on board they change at the robot's too; it is commanded by nobody else then. What
-    breaks in between is a fault with the robot's words as cause; `recover` clears it, and connects again
-    where the connection was lost. host_time: ns, the clock that stamps are led by."""
+    With a controller on board they change at the robot's too; no other node commands it then. An error in
+    between is a fault with the robot's message as cause; `recover` clears it, and connects again where the
+    connection was lost. host_time: ns, the clock that stamps are led by."""
 
     def __init__(
         self,
@@ -73,7 +73,7 @@ class Driver:
     def start(self) -> None:
         """Connect, and hold the arm where it is.
 
-        A robot that must not move now is connected all the same, at fault. Raises ArmError if none answers.
+        A robot that must not move now is connected all the same, at fault. Raises ArmError if none replies.
         """
         reading = self._connect()
         try:
@@ -126,7 +126,7 @@ class Driver:
     def recover(self) -> None:
         """Hold the measured pose again, after connecting and clearing the robot's errors where needed.
 
-        Raises Refusal, or ArmError for what the robot says; the arm then stays stopped or at fault.
+        Raises Refusal, or ArmError with the robot's message; the arm then stays stopped or at fault.
         """
         may_move = self.filter.watchdog.may_move
         if self.onboard is not None and not may_move:
@@ -191,7 +191,7 @@ class Driver:
             return False, refusal
 
     def _obstacle(self) -> str:
-        # A robot under control cannot be asked: it was in order when that began, and ends it where it no longer is.
+        # Facts cannot be read under control: the robot was in order when that began, and ends it where it no longer is.
         facts = None if self.arm.is_controlled else self.arm.facts()
         return "; ".join(self.checklist.problems(facts))
 

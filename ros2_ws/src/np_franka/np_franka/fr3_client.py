@@ -37,12 +37,12 @@ class Fr3Client:
 
     @translate_errors
     def set_collision_behavior(self, torques: np.ndarray, wrench: np.ndarray) -> None:
-        """Stop at external torques (7,) Nm, or at a wrench (6,) N, Nm; contact is told from half of it on."""
+        """Stop at external torques (7,) Nm, or at a wrench (6,) N, Nm; contact is reported from half of it on."""
         self._robot.set_collision_behavior(torques / 2, torques, wrench / 2, wrench)
 
     @translate_errors
     def facts(self) -> RobotFacts:
-        """What the robot says of itself."""
+        """What the robot reports."""
         state = self._robot.read_once()
         return RobotFacts(state.robot_mode.name, _words(state.current_errors), state.m_ee, state.m_load)
 
@@ -73,7 +73,7 @@ class Fr3Client:
 
     @translate_errors
     def write(self, torque: np.ndarray, last: bool) -> None:
-        """Answer the state just read; the last torque ends the motion."""
+        """Reply to the state just read; the last torque ends the motion."""
         torques = franka.Torques(torque.tolist())
         torques.motion_finished = last
         self._control.writeOnce(torques)

@@ -1,8 +1,8 @@
 """The Franka Hand in a process of its own, because its calls block until a motion has ended.
 
 The process reads openings from its standard input, one a line, and writes one JSON object a line: the opening
-it measures, if it does, and what is wrong, or an empty error. While the fingers move it says nothing. A motion
-that failed is told until one succeeds; whatever broke, the hand is connected anew. It ends with its input.
+it measures, if it does, and what is wrong, or an empty error. While the fingers move it writes nothing. A failed
+motion is reported until one succeeds; whatever broke, the hand is connected anew. It ends with its input.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ENDED = "the hand's process has ended; `recover` starts it again"
 
 
 class GripperError(OSError):
-    """The hand does not answer."""
+    """The hand does not reply."""
 
 
 class Gripper:
@@ -55,7 +55,7 @@ class Gripper:
         os.set_blocking(self._process.stdout.fileno(), False)
 
     def poll(self) -> None:
-        """Take over what the process has said since; never waits."""
+        """Read what the process has written since; never waits."""
         try:
             received = os.read(self._process.stdout.fileno(), 65536)
         except BlockingIOError:
@@ -64,11 +64,11 @@ class Gripper:
             self.error = ENDED
         *lines, self._buffer = (self._buffer + received).split(b"\n")
         for line in lines:
-            said = json.loads(line)
-            self.opening, self.error = said.get("opening", self.opening), said["error"]
+            report = json.loads(line)
+            self.opening, self.error = report.get("opening", self.opening), report["error"]
 
     def move(self, opening: float) -> None:
-        """Move each finger to `opening` m; the newest wish wins. ValueError outside 0 .. FINGER_MAX."""
+        """Move each finger to `opening` m; the newest request wins. ValueError outside 0 .. FINGER_MAX."""
         if not 0 <= opening <= FINGER_MAX:
             raise ValueError(f"gripper opening: expected 0 .. {FINGER_MAX} m, got {opening}")
         try:
@@ -77,7 +77,7 @@ class Gripper:
             raise ValueError(ENDED) from None
 
     def revive(self) -> None:
-        """Start the process again if it has ended; never waits for it, `poll` says when it is there."""
+        """Start the process again if it has ended; never waits for it, `poll` reads its reports once it is there."""
         if self._process.poll() is not None:
             self.close()
             self._start()
@@ -135,5 +135,5 @@ def _serve(robot: str, hostname: str) -> None:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal; the driver ends this process
-    with suppress(EOFError, BrokenPipeError):  # nobody speaks, or listens, any more
+    with suppress(EOFError, BrokenPipeError):  # the driver has closed its end of a pipe
         _serve(*sys.argv[1:])

@@ -1,8 +1,8 @@
-"""The impedance controller inside the driver, which answers every cycle of the robot (`control:=onboard`). No
-ROS.
+"""The impedance controller inside the driver, which computes a command in every cycle of the robot
+(`control:=onboard`). No ROS.
 
-The same objects as in the node `joint_impedance`, at twice its rate. What a silent controller is to the
-driver in `control:=topic`, a silent policy is here: nobody else stands between the two."""
+The same objects as in the node `joint_impedance`, at twice its rate. A silent policy has the effect here that a
+silent controller has in `control:=topic`: no node stands between policy and driver."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from np_description.phases import AT_REST
 
 
 class Onboard:
-    """Leads a `Controller` by what comes over topics, and says what the driver is to be commanded.
+    """Leads a `Controller` by what comes over topics, and computes the driver's commands.
 
-    It says nothing until it has been given something to follow. Then it answers every state, unless a target
-    is overdue: from the first target until a trajectory, a new episode or the end of one, the next must come
-    within `target_timeout_ns` by the driver's clock. `release` makes it silent again."""
+    It is silent until it has been given something to follow. Then it has a command for every state, unless a
+    target is overdue: from the first target until a trajectory, a new episode or the end of one, the next must
+    come within `target_timeout_ns` by the driver's clock. `release` makes it silent again."""
 
     def __init__(self, config: ControllerConfig, limits: SafetyLimits, target_timeout_ns: int):
         self._controller = Controller(config, limits)
@@ -72,8 +72,8 @@ class Onboard:
         """Move T_E to `pose`, position (3,) m and rotation (3, 3), with the gains that came since the last
         pose.
 
-        stamp: ns of the state that it answers; None: a pose that was refused. It takes effect once `think`
-        has found the joints for it; one that is still being thought of is dropped. Raises Refusal."""
+        stamp: ns of the state that it was computed from; None: a pose that was refused. It takes effect once
+        `think` has found the joints for it; one that is still being resolved is dropped. Raises Refusal."""
         gains = self._following.take_gains(stamp)
         if pose is not None:
             self._thought = stamp, self._controller.resolve_target(stamp, *pose, *gains)
@@ -121,6 +121,6 @@ class Onboard:
         self._due = self._thought = None
 
     def _engage(self, first: ControllerOutput) -> None:
-        """The first command asks for the measured posture, whatever is followed then."""
+        """The first command is the measured posture, whatever is followed then."""
         if not self._is_engaged:
             self._is_engaged, self._first = True, first

@@ -1,7 +1,7 @@
 """The original Panda through `panda_py` (libfranka 0.9, protocol 5), for which no simulated robot exists.
 
 This libfranka calls back instead of being read and written (`np_franka.callback_loop`). The package raises
-RuntimeError for everything, and tells nothing of the motor side.
+RuntimeError for everything, and reports nothing of the motor side.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ class PandaClient:
 
     @translate_errors
     def set_collision_behavior(self, torques: np.ndarray, wrench: np.ndarray) -> None:
-        """Stop at external torques (7,) Nm, or at a wrench (6,) N, Nm; contact is told from half of it on."""
+        """Stop at external torques (7,) Nm, or at a wrench (6,) N, Nm; contact is reported from half of it on."""
         self._robot.set_collision_behavior(*(values.tolist() for values in (torques / 2, torques, wrench / 2, wrench)))
 
     @translate_errors
     def facts(self) -> RobotFacts:
-        """What the robot says of itself."""
+        """What the robot reports."""
         state = self._robot.read_once()
         return RobotFacts(_mode(state), _words(state.current_errors), state.m_ee, state.m_load)
 
@@ -79,7 +79,7 @@ class PandaClient:
 
     @translate_errors
     def write(self, torque: np.ndarray, last: bool) -> None:
-        """Answer the state just read; the last torque ends the motion."""
+        """Reply to the state just read; the last torque ends the motion."""
         torques = franka.Torques(torque.tolist())
         torques.motion_finished = last
         if not last:
@@ -100,7 +100,7 @@ class PandaClient:
             self._control = None
 
     def translate(self, error: Exception) -> ArmError:
-        """What an error of panda_py means: it says so itself in words only; of the turnstile, that nobody answers."""
+        """What an error means: panda_py distinguishes them by text only; a TimeoutError of the callback loop is a lost connection."""
         if isinstance(error, TimeoutError):
             return ConnectionLost(f"connection to {self._hostname}: {error}")  # `close` then ends the motion
         was_controlled, self._control = self._control is not None, None

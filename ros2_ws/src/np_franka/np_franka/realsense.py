@@ -93,7 +93,7 @@ class RealSense:
             raise CameraError(f"camera: {error}") from error
 
     def _find(self, device):
-        """The sensor and profile of the stream that is asked for."""
+        """The sensor and profile of the requested stream."""
         rs, wanted, offered = self._rs, self._settings, []
         for sensor in device.query_sensors():
             for profile in sensor.get_stream_profiles():
@@ -146,7 +146,7 @@ class RealSense:
         return CameraFrame(stamp, pixels)
 
     def _stamp(self, frame, arrival: int) -> int:
-        """When the frame was taken, ns of the host's clock; the middle of the exposure where the camera tells
+        """When the frame was taken, ns of the host's clock; the middle of the exposure where the camera reports
         it."""
         rs, domain = self._rs, frame.get_frame_timestamp_domain()
         taken = round(frame.get_timestamp() * 1e6)
@@ -191,9 +191,9 @@ def lens_of(intrinsics, rs) -> Lens:
     """The SDK's intrinsics as ours. Raises CameraError for a model of distortion that is not Brown and
     Conrady's.
 
-    What the SDK calls Inverse Brown-Conrady is, in its own projection since 2021 and by measurement on
-    cameras (librealsense issue 13824), the ordinary model with OpenCV's order of coefficients; tests hold
-    ours to the SDK's deprojection.
+    What the SDK calls Inverse Brown-Conrady is the ordinary model with OpenCV's order of coefficients. It is so in
+    the SDK's own projection since 2021 and by measurement on cameras (librealsense issue 13824). Tests compare ours
+    with the SDK's deprojection.
     """
     coefficients, model = tuple(map(float, intrinsics.coeffs)), intrinsics.model
     if model == rs.distortion.none or not any(coefficients):

@@ -1,4 +1,4 @@
-"""The level and the words of the driver's diagnostics."""
+"""The level and the message of the driver's diagnostics."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ class FrankaDriver(Node):
         self._effort = None
         if self._driver.onboard is None:
             self.create_subscription(JointState, "effort_command", self._on_command, qos.subscriber(lockstep=False))
-        else:  # what the controller on board answers is published where another's would be, for recordings
+        else:  # commands of the controller on board are published where another's would be, for recordings
             self._effort = self.create_publisher(JointState, "effort_command", stream)
             inputs.subscribe(self, self, self._driver.filter.limits, lockstep=False)
         self.create_subscription(Float64, "gripper_command", self._on_gripper, qos.EVENT)
@@ -107,7 +107,7 @@ class FrankaDriver(Node):
     def _publish(self, cycle: Cycle, stamp: int) -> None:
         reading, applied = cycle.reading, cycle.applied
         fingers = np.full(2, 0.0 if self._gripper is None else self._gripper.opening)
-        unknown = np.zeros(2)  # the hand tells neither speed nor force
+        unknown = np.zeros(2)  # the hand measures neither speed nor force
         self._joint_states.publish(
             self._whole.fill(
                 stamp, np.append(reading.q, fingers), np.append(reading.dq, unknown), np.append(reading.torque, unknown)
@@ -158,7 +158,7 @@ class FrankaDriver(Node):
         self._lead(lambda onboard: onboard.pose(stamp, pose))
 
     def on_tick(self, _stamp: int, _state: PhaseState) -> None:
-        """On board: a policy tick says nothing that its phase has not."""
+        """On board: a policy tick has no information that its phase has not."""
 
     def on_phase(self, state: PhaseState) -> None:
         """On board: the phase of the episode."""
@@ -218,7 +218,7 @@ class FrankaDriver(Node):
     # Diagnostics
 
     def _report(self) -> None:
-        """Tell the state, and what it means, where that is due."""
+        """Report the state, and what it means, where that is due."""
         watchdog = self._driver.filter.watchdog
         if self._telling.is_due(self._driver.stamp, watchdog.state, watchdog.cause):
             self._tell()

@@ -48,7 +48,7 @@ def declare(node: Node) -> tuple[DriverSettings, Driver]:
     reflex = _force_reflex(node)
     if not settings.hostname:
         raise ValueError("parameter hostname: expected the robot's address, got none")
-    robot.load()  # a missing package is told before anything is connected
+    robot.load()  # a missing package is reported before anything is connected
     arm = FrankaArm(
         partial(robot.open, settings.hostname, enforce_realtime=settings.realtime == "enforce"),
         reflex.torques(robot.limits.torque),
