@@ -1,7 +1,7 @@
 """The joint impedance controller: from measured states and targets to joint targets and torques.
 
-A function of what it was given, in order: no clock, no ROS. The arm holds the pose it was found in until it
-is told otherwise; then it follows a trajectory, or targets of T_E with gains of their own.
+A function of its inputs, in order: no clock, no ROS. The arm holds the pose it was found in until the first
+trajectory or target comes; then it follows a trajectory, or targets of T_E with gains of their own.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class ControllerConfig:
     damping_ratio: float = 1.0
     """Damping ratio while holding and on trajectories."""
     policy_latency_ns: int = 20_000_000
-    """A target that answers the state of time t takes effect at t plus this, ns."""
+    """A target computed from the state of time t takes effect at t plus this, ns."""
     reach_position: float = 0.05
     """Largest distance by which inverse kinematics may miss a target, m; beyond it the target is refused."""
     reach_angle: float = 0.2
@@ -48,14 +48,14 @@ class ControllerConfig:
     largest_gap_ns: int = 200_000_000
     """A longer time between two states, or a step no arm can make, restarts the controller, ns."""
     largest_target_age_ns: int = 500_000_000
-    """An older target is refused; states are kept that long, to resolve a target at the state it answers."""
+    """An older target is refused; states are kept that long, to resolve a target at the state it was computed from."""
     stop_ns: int = 120_000_000
     """Time in which a trajectory that is broken off comes to rest, ns."""
 
 
 @dataclass(frozen=True, eq=False)
 class ControllerOutput:
-    """The answer to one state."""
+    """The command for one state."""
 
     stamp: int
     """Of the state, ns."""
@@ -162,7 +162,7 @@ class Controller:
         return begins
 
     def answer(self) -> ControllerOutput:
-        """Joint target and torque for the newest state; the same again, however often it is asked for."""
+        """Joint target and torque for the newest state; further calls for it return the same."""
         if not self._states:
             raise Refusal(Reason.STATE, "no joint state has come yet")
         if self._answer is None:
@@ -173,7 +173,7 @@ class Controller:
         return self._answer
 
     def follow(self, trajectory: Trajectory, start: int | None = None, gains: np.ndarray | None = None) -> None:
-        """Follow a trajectory from the state of `start` ns on, or from the next state that is answered.
+        """Follow a trajectory from the state of `start` ns on, or from the next state that gets a command.
 
         gains (2, 7): rows stiffness Nm/rad, damping ratio; the controller's own where None. Targets given
         before are dropped. Raises Refusal: start where the trajectory does not begin at the measured pose,
@@ -211,7 +211,7 @@ class Controller:
     ) -> Generator[None, None, bool]:
         """Move T_E to position (3,) m, rotation (3, 3) in the base frame, with gains (7,) Nm/rad and (7,).
 
-        stamp: ns of the state that the target answers; inverse kinematics starts from the joints measured
+        stamp: ns of the state that the target was computed from; inverse kinematics starts from the joints measured
         then, as in training. Takes effect with the first state at or after stamp + policy_latency; a running
         trajectory ends. Gives back control after every step of inverse kinematics, for who has no time for
         all of them, and takes effect when exhausted. Returns whether the target was cut to the workspace.

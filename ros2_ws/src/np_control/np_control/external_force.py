@@ -11,7 +11,9 @@ from np_control.dynamics import Dynamics
 from np_description.force_reflex import FORCE_REFLEX, external_torque, filter_step, hand_wrench, threshold_share
 from np_description.panda import NOMINAL, PandaModel
 
-STICTION_SPEED = 0.01  # rad/s, below which Coulomb friction is taken in proportion: a joint at rest tells nothing of it
+STICTION_SPEED = (
+    0.01  # rad/s, below which Coulomb friction is taken in proportion: a joint at rest gives no measure of it
+)
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class ForceObserver:
 
     The model of links and payload is the nominal one, as the robot's own is. A Franka's torque sensors sit behind the gear, where
     friction and rotor do not show; a simulated drive's torque has both, so they are taken off with the numbers of `panda`, the
-    arm that is simulated. A payload or a tilt that the model does not know counts as external force, as on the robot.
+    arm that is simulated. A payload or a tilt that is not in the model counts as external force, as on the robot.
     """
 
     def __init__(self, period: float, panda: PandaModel = NOMINAL):

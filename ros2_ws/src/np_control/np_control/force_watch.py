@@ -14,7 +14,7 @@ from np_description.force_reflex import COUNTED_FORCES, DEFAULT_MODE, FORCE_REFL
 
 REFLEX_CAUSE = "reflex: force"
 TOUCH = 3.0  # N of filtered force, from which on an arm counts as touching: joint friction at rest leaves errors of up to 2 N
-STEP = 0.1  # N, by which forces are told apart where they are counted
+STEP = 0.1  # N, resolution in which forces are counted
 SCALES = {f"{force:g}": force / FORCE_REFLEX.force for force in COUNTED_FORCES}
 """Thresholds at which stops are counted, by their force in N, as a share of the reflex's."""
 
@@ -28,7 +28,7 @@ class ForceFigures:
     raw_peak_n: float
     """Largest force before the filter, N."""
     body: str
-    """What pressed hardest at that peak: finger, housing (of the hand) or link; empty where the engine says none."""
+    """What pressed hardest at that peak: finger, housing (of the hand) or link; empty where the engine reports none."""
     reflex_stops: Mapping[str, int]
     """How often each threshold of `SCALES` was crossed: stops that the robot would have made, or has made."""
 
@@ -55,7 +55,7 @@ class ForceWatch:
     def add(self, force: ExternalForce, pressing: Callable[[], Mapping[str, float]]) -> str:
         """Take the estimate of one period; why the arm must stop now, "" where it need not.
 
-        pressing: asked at a new peak only, gives the force N by what of the robot presses.
+        pressing: called at a new peak only, returns the force N by what of the robot presses.
         """
         filtered, raw = _size(force.wrench), _size(force.raw)
         self._largest = max(self._largest, filtered)

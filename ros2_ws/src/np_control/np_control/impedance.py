@@ -1,4 +1,4 @@
-"""The joint impedance law, and the gains a policy may ask for.
+"""The joint impedance law, and the gains a policy may request.
 
 One definition for the 500 Hz node, the sim bridge's own hold, the hardware driver and the parity test of the GPU
 environments: tau = kp (q_d - q) - kd dq + coriolis, kd = rho sqrt(kp), rho >= 0.5 (paper). Gravity is the backend's.

@@ -1,4 +1,4 @@
-"""The controller's side of the lockstep barrier: what a policy tick needs before its state is answered.
+"""The controller's side of the lockstep barrier: what a policy tick needs before its state gets a command.
 
 Messages of different topics arrive in any order. The gate keeps them until the state they belong to is due,
 so that a run does not depend on that order. See docs/reference/graph.md, Lockstep.
@@ -35,8 +35,8 @@ class TickInputs(Generic[TrajectoryT, PoseT, GainsT]):
 class LockstepCommandInput(Generic[TrajectoryT, PoseT, GainsT]):
     """Collects tick, trajectory and target of the policy ticks, multiples of `policy_period_ns`.
 
-    None stands for a trajectory, pose or gains that came but were refused: an answer all the same, that
-    changes nothing.
+    None stands for a trajectory, pose or gains that came but were refused: the wait is over all the same, and
+    nothing changes.
     """
 
     def __init__(self, policy_period_ns: int):
@@ -48,7 +48,7 @@ class LockstepCommandInput(Generic[TrajectoryT, PoseT, GainsT]):
     def begin(self, stamp: int) -> None:
         """A new beginning with the state of `stamp` ns: drop what no stamp ties to a tick to come.
 
-        What is of later than that was said to a backend that is no more: time waits for us, so nobody can be ahead.
+        Messages of later stamps are of a former run of the backend: time waits for us, so none can be ahead.
         """
         if self._tick is not None and self._tick[0] > stamp:
             self._tick = None
@@ -63,7 +63,7 @@ class LockstepCommandInput(Generic[TrajectoryT, PoseT, GainsT]):
         self._tick = stamp, state
 
     def trajectory(self, stamp: int, trajectory: TrajectoryT | None) -> None:
-        """The plan that answers the tick of `stamp` ns; None also where planning failed."""
+        """The plan for the tick of `stamp` ns; None also where planning failed."""
         self._trajectory = stamp, trajectory
 
     def gains(self, gains: GainsT | None) -> None:
@@ -71,11 +71,11 @@ class LockstepCommandInput(Generic[TrajectoryT, PoseT, GainsT]):
         self._gains = (gains,)
 
     def pose(self, stamp: int, pose: PoseT | None) -> None:
-        """The target that answers the tick of `stamp` ns."""
+        """The target for the tick of `stamp` ns."""
         self._pose = stamp, pose
 
     def missing(self, stamp: int) -> str | None:
-        """The topic that must still speak before the state of `stamp` ns is answered, or None."""
+        """The topic that is still missing before the state of `stamp` ns can get a command, or None."""
         if stamp % self._period:
             return None
         if not _is_of(self._tick, stamp):

@@ -33,7 +33,7 @@ class RealtimeCommandInput:
         self._planned: tuple[Trajectory, int | None, np.ndarray | None] | None = None
         self.phase = ""
         self._is_open = True
-        self._is_new = False  # the arm's beginning, and no phase has been heard since
+        self._is_new = False  # the arm's beginning, and no phase has been received since
         # Stamp ns of the state at the last heartbeat; None: time runs from the next state.
         self._heard: int | None = None
         self._is_lost = False
@@ -62,7 +62,7 @@ class RealtimeCommandInput:
     def begin(self) -> None:
         """The arm is not where it was, as after a restart of what drives it: an episode under way moved another.
 
-        Without a phase yet, whether there is one says the first to come: it is latched, and heard when its publisher is found.
+        Without a phase yet, the first to come decides whether there is an episode: it is latched, and comes when its publisher is found.
         """
         if self.phase in MOVING:
             self._is_open = False
@@ -70,7 +70,7 @@ class RealtimeCommandInput:
         self._heard = self._planned = None
 
     def heartbeat(self, phase: str) -> None:
-        """The owner of the phase is alive; what is said of another phase than the one in force says nothing."""
+        """The owner of the phase is alive; a heartbeat of another phase than the one in force is ignored."""
         if phase == self.phase:
             self._heard = self._controller.stamp
 
@@ -86,7 +86,7 @@ class RealtimeCommandInput:
             raise self._silence()
 
     def _is_silent(self) -> bool:
-        """Whether the phase has an owner, and that has said nothing for too long."""
+        """Whether the phase has an owner, and its heartbeat has been missing for too long."""
         stamp = self._controller.stamp
         if stamp is None or self.phase not in (*ACTIVE, EXCITE):
             return False
@@ -110,9 +110,10 @@ class RealtimeCommandInput:
             raise self._silence()
 
     def trajectory(self, trajectory: Trajectory | None, start: int | None = None) -> bool:
-        """Follow a plan from the state of `start` ns on, or from now, with the gains that came since the last
-        pose or plan, or else the controller's own; None (no plan) changes nothing. Returns whether it is followed: in phase pre it
-        waits. Raises Refusal.
+        """Follow a plan from the state of `start` ns on, or from now. None (no plan) changes nothing.
+
+        Its gains are those that came since the last pose or plan, or else the controller's own. Returns whether it is
+        followed: in phase pre it waits. Raises Refusal.
         """
         if trajectory is None:
             return False
@@ -144,7 +145,7 @@ class RealtimeCommandInput:
         """Move T_E to `pose`, position (3,) m and rotation (3, 3), with the gains that came since the last
         pose.
 
-        stamp: ns of the state that it answers. None stands for a pose that was refused: it uses the gains up.
+        stamp: ns of the state that it was computed from. None stands for a pose that was refused: it uses the gains up.
         Returns whether it was cut to the workspace. Raises Refusal, `unpaired` where there are no gains.
         """
         gains = self.take_gains(stamp)

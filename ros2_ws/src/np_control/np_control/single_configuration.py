@@ -1,7 +1,7 @@
 """The Panda's chain at one configuration, number by number.
 
-Of one configuration, which plans of motions ask for by the thousand, the calls of NumPy are the cost and not the numbers: this
-takes a quarter of the time of `np_control.kinematics`, which calls it where it is given one and to which it is held by a test.
+Plans of motions evaluate single configurations by the thousand, where the calls of NumPy are the cost and not the numbers. This takes a
+quarter of the time of `np_control.kinematics`, which calls it for a single configuration. A test compares the two.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Whether what was published has arrived: in lockstep time can wait for a listener that gets no processor.
+"""Whether what was published has arrived: in lockstep time can wait for a subscriber that gets no processor time.
 
 A writer keeps a message until every reliable reader has it, but no more than its depth (`np_ros.qos`). At 500 messages a second
 there is always one on its way, so what is looked at is when there was none.

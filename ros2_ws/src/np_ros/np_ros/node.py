@@ -49,11 +49,11 @@ def run(
 ) -> int:
     """Construct a node and spin it until SIGINT, SIGTERM or rclpy.shutdown(); the exit status of the process.
 
-    `--help` prints its parameters and ends. A node that cannot start (ValueError, OSError or a refused parameter in its
-    constructor, a parameter that it does not know, an argument that is none) ends with one line that says why and status 1;
-    any other exception is a bug and keeps its traceback. `destroy_node` is
-    called in every case, and is where a node flushes or brings to rest what it owns. `fast=False` uses
-    rclpy's executor. `spin`: a loop of the node's own in place of the spinner's, calling its `spin_once`.
+    `--help` prints its parameters and ends. A node that cannot start ends with status 1 and one line with the reason:
+    ValueError, OSError or a refused parameter in its constructor, an undeclared parameter, an argument that is none.
+    Any other exception is a bug and keeps its traceback. `destroy_node` is called in every case, and is where a node
+    flushes or brings to rest what it owns. `fast=False` uses rclpy's executor. `spin`: a loop of the node's own in
+    place of the spinner's, calling its `spin_once`.
     """
     if set(HELP) & set(sys.argv[1:] if args is None else args):
         print(help_text(make_node))
@@ -64,7 +64,7 @@ def run(
     def interrupted(number: int, frame: object) -> None:
         # rclpy's own handler came first and shut the context down, which ends the spin between two callbacks.
         # An exception here would cut one short, and lose the message that it had just taken; or cut the constructor
-        # short, and leave open what it had opened. Who insists is heard.
+        # short, and leave open what it had opened. A second signal in the constructor interrupts it.
         nonlocal interrupts
         interrupts += 1
         if spinner is None and interrupts > 1:
@@ -163,7 +163,7 @@ def create_steady_timer(node: Node, period: float, callback: Callable[[], None])
 
 
 SUBSCRIBERS = "subscribers"
-"""Key of the diagnostics value that says whom a node has found."""
+"""Key of the diagnostics value that lists the subscribers that a node has found."""
 _FIRST_PAUSE, _LONGEST_PAUSE = (
     1.0,
     60.0,
@@ -202,7 +202,7 @@ class Diagnostics:
     def refuse(self, reason: str, error: object) -> None:
         """Count what was not carried out under `refused_<reason>`, and log the error, ever less often while it goes on.
 
-        rclpy's own throttle walks the stack before it says nothing: 0.7 ms, most of a cycle of a robot, for
+        rclpy's own throttle walks the stack before it suppresses a line: 0.7 ms, most of a cycle of a robot, for
         each of 500 commands a second that come too late already.
         """
         self.count(f"refused_{reason}")
@@ -221,11 +221,11 @@ class Diagnostics:
             self.publish()
 
     def flush(self, timeout: float = 1.0) -> None:
-        """Wait at most `timeout` s until what was said has arrived: before a node ends, or its last words are lost."""
+        """Wait at most `timeout` s until what was published has arrived: before a node ends, or its last messages are lost."""
         self._publisher.wait_for_all_acked(Duration(seconds=timeout))
 
     def publish(self) -> None:
-        """Publish the status now; where the context is shut down, which a signal does at any time, nobody is told."""
+        """Publish the status now; where the context is shut down, which a signal does at any time, do nothing."""
         try:
             self._publisher.publish(self._status())
         except RuntimeError:
@@ -252,7 +252,7 @@ class Diagnostics:
     def _subscribers(self) -> str:
         """Number of subscribers that each publisher of the node has found: "topic=count ...".
 
-        Only the node itself knows: what the graph shows elsewhere may not have reached it, and what it
+        Only the node itself can count them: what the graph shows elsewhere may not have reached it, and what it
         publishes until then is lost.
         """
         counts = {p.topic_name: p.get_subscription_count() for p in self._node.publishers}

@@ -1,4 +1,4 @@
-"""The parameters of a node as it declares them: for its `--help`, for the reference, and against names that it does not know."""
+"""The parameters of a node as it declares them: for its `--help`, for the reference, and to refuse names that it has not declared."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def help_text(make_node: Callable[[], Node]) -> str:
 
 
 def check_known(node: Node) -> None:
-    """Raises ValueError naming the parameters that a node was given and has not declared, and those that it knows."""
+    """Raises ValueError naming the parameters that a node was given and has not declared, and those that it has."""
     known = node.get_parameters_by_prefix("")
     unknown = [n for n in node._parameter_overrides if n not in known and not n.startswith(_TO_COME)]
     if unknown:

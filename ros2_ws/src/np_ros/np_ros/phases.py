@@ -53,7 +53,7 @@ def refusal_reason(message: DiagnosticArray) -> str:
 
 
 def heartbeat_phase(message: String) -> str:
-    """The phase that a message of `episode/heartbeat` says is in force. Raises BadMessage (range)."""
+    """The phase in force by a message of `episode/heartbeat`. Raises BadMessage (range)."""
     try:
         return PhaseState(message.data).phase
     except ValueError as error:
@@ -61,8 +61,8 @@ def heartbeat_phase(message: String) -> str:
 
 
 class PhasePublisher:
-    """Says ticks and phases for a node that owns the phases, `episode` or `excite`; in real time also, while something is under way, that the
-    node still runs."""
+    """Publishes ticks and phases for a node that owns the phases, `episode` or `excite`; in real time also heartbeats, while something is
+    under way."""
 
     def __init__(self, node: Node, *, lockstep: bool):
         self._tick = node.create_publisher(DiagnosticArray, "episode/tick", qos.publisher(lockstep))

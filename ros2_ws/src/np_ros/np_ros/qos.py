@@ -1,7 +1,7 @@
 """Quality of service: one profile for each kind of topic in docs/reference/graph.md.
 
 Streams (states, images, keypoints, commands, targets, ticks) differ between the two modes. In lockstep
-nothing may be skipped, because time waits for the answer to every message; in real time only the newest one
+nothing may be skipped, because time waits for the reply to every message; in real time only the newest one
 is worth having.
 """
 
@@ -20,11 +20,11 @@ def _keep_last(depth: int, reliable: bool = True, latched: bool = False) -> QoSP
 
 
 LOCKSTEP = _keep_last(5000)
-"""Streams in lockstep, both sides: reliable, and kept until whoever listens has them: a writer forgets what has arrived
+"""Streams in lockstep, both sides: reliable, and kept until every subscriber has them: a writer forgets what has arrived
 everywhere, and the backend lets time go on only while it has (`np_ros.arrivals`)."""
 
 REALTIME_PUBLISHER = _keep_last(1)
-"""Streams in real time, sending side: newest only; reliable, so that a recorder may ask for it."""
+"""Streams in real time, sending side: newest only; reliable, so that a recorder may request it."""
 
 REALTIME_SUBSCRIBER = _keep_last(1, reliable=False)
 """Streams in real time, receiving side: best effort, so that a lost sample never delays the next one."""

@@ -30,13 +30,13 @@ class CommandSink(Protocol):
     """The receiver of inputs. None stands for a refused message, or for a trajectory without a plan."""
 
     def on_trajectory(self, stamp: int, trajectory: Trajectory | None) -> None:
-        """A plan that answers the state of `stamp` ns."""
+        """A plan for the state of `stamp` ns."""
 
     def on_gains(self, gains: np.ndarray | None) -> None:
         """Gains (2, 7) for the pose that comes next."""
 
     def on_pose(self, stamp: int, pose: Pose | None) -> None:
-        """A target of T_E that answers the state of `stamp` ns."""
+        """A target of T_E for the state of `stamp` ns."""
 
     def on_tick(self, stamp: int, state: PhaseState) -> None:
         """A policy tick, and the phase in force from it on."""
@@ -55,8 +55,8 @@ def subscribe(node: Node, led: CommandSink, limits: SafetyLimits, *, lockstep: b
     """Let the topics of docs/reference/graph.md lead `led`; `limits` are those that trajectories must keep."""
 
     def read(header: Header, translate: Callable[[], object], deliver: Callable[[int, object], None]) -> None:
-        """Without a readable stamp a message answers nothing; what else is wrong with it still answers its
-        stamp.
+        """Deliver a message under its stamp, None in its place where its content is refused; without a readable
+        stamp nothing.
         """
         try:
             stamp = stamp_nanoseconds(header.stamp)
@@ -73,7 +73,7 @@ def subscribe(node: Node, led: CommandSink, limits: SafetyLimits, *, lockstep: b
             return None
 
     def tick(message: DiagnosticArray) -> None:
-        if (state := check(lambda: phase_state(message))) is not None:  # without a phase it tells nobody to go on
+        if (state := check(lambda: phase_state(message))) is not None:  # without a phase no node can go on
             read(message.header, lambda: state, led.on_tick)
 
     def phase(message: DiagnosticArray) -> None:
@@ -86,7 +86,7 @@ def subscribe(node: Node, led: CommandSink, limits: SafetyLimits, *, lockstep: b
 
     def trajectory(message: JointTrajectory) -> Trajectory | None:
         times, positions, velocities = trajectory_arrays(message, JOINT_NAMES)
-        # No points: a planner found no way and does not say why; the arm stays where it is.
+        # No points: a planner found no way and gives no reason; the arm stays where it is.
         return make_trajectory(times, positions, velocities, limits) if times.size else None
 
     def pose(message: PoseStamped) -> Pose:

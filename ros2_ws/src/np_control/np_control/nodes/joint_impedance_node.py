@@ -1,7 +1,7 @@
-"""`joint_impedance`, the 500 Hz controller: answers `joint_states` with `effort_command` of the same stamp.
+"""`joint_impedance`, the 500 Hz controller: publishes an `effort_command` for each of `joint_states`, of the same stamp.
 
-Lockstep: the state of a policy tick is answered once the tick, and the trajectory or target that belongs to
-it, are there. Real time: a state is answered at once, with whatever has come.
+Lockstep: the command for the state of a policy tick waits for the tick, and for the trajectory or target that
+belongs to it. Real time: the command is published at once, with whatever has come.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from np_ros.messages import JointStateWriter
 from np_ros.node import Diagnostics, create_steady_timer, parameter, run
 
 SECOND = 1_000_000_000
-MEASURED_ANSWERS = 5000  # answers over which times are reported: 10 s
+MEASURED_ANSWERS = 5000  # commands over which times are reported: 10 s
 
 
 class JointImpedance(Node):
@@ -117,7 +117,7 @@ class JointImpedance(Node):
             return
         self._sent = info["source_timestamp"]
         if stamp == self._answered:
-            self._publish(self._controller.answer())  # the state was published again: so is its answer
+            self._publish(self._controller.answer())  # the state was published again: so is its command
         else:
             self._answer()
 
@@ -129,7 +129,7 @@ class JointImpedance(Node):
                 self.refuse(refusal)
 
     def _answer(self) -> None:
-        """Answer the newest state, unless it has been, or something it waits for is missing."""
+        """Publish the command for the newest state, unless it has one, or something it waits for is missing."""
         stamp = self._controller.stamp
         if stamp is None or stamp == self._answered:
             return
@@ -137,7 +137,7 @@ class JointImpedance(Node):
             missing = self._gate.missing(stamp)
             self.diagnostics.values["waiting_for"] = missing or ""
             if missing:
-                self._sent = 0  # how long others take says nothing about this node
+                self._sent = 0  # how long others take is not this node's time
                 return
             self._take_tick(stamp)
         answer = self._controller.answer()
@@ -183,7 +183,7 @@ class JointImpedance(Node):
             self.refuse(refusal)
 
     def on_trajectory(self, stamp: int, trajectory: Trajectory | None) -> None:
-        """A plan; a refused one is an answer too."""
+        """A plan; the wait for it also ends with a refused one."""
         if self._waits:
             self._gate.trajectory(stamp, trajectory)
             self._answer()
@@ -239,7 +239,7 @@ class JointImpedance(Node):
     def _report(self) -> None:
         values = self.diagnostics.values
         if self._seconds:
-            # From the state's publication to the end of the answer's, both on this host's clock.
+            # From the state's publication to the end of the command's, both on this host's clock.
             milliseconds = 1e3 * np.array(self._seconds)
             for name, percentile in (("p50", 50), ("p99", 99), ("max", 100)):
                 values[f"answer_{name}_ms"] = round(float(np.percentile(milliseconds, percentile)), 3)

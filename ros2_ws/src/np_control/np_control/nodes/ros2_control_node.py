@@ -1,6 +1,6 @@
 """`ros2_control`: hands the graph's joint targets, plans and gains to a torque controller of ros2_control.
 
-It hears `effort_command` (our controller's joint target), `joint_trajectory`, `target_gains` and `joint_states`. A plan
+It subscribes to `effort_command` (our controller's joint target), `joint_trajectory`, `target_gains` and `joint_states`. A plan
 goes to joint_trajectory_controller as a whole.
 """
 

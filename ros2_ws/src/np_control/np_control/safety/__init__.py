@@ -1,7 +1,7 @@
 """The guards of the arm: limits, command validation, watchdog, and the filter a backend runs every period.
 
-Pure NumPy and clock-free (every function is told the time), so that the sim bridge, the hardware driver and
-the controller share one definition and one behaviour.
+Pure NumPy and clock-free: every function takes the time as an argument. So the sim bridge, the hardware driver
+and the controller share one definition and one behaviour.
 """
 
 from np_control.safety.commands import Command, check_command

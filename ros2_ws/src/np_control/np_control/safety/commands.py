@@ -17,7 +17,7 @@ class Command:
     """One validated effort command."""
 
     stamp: int
-    """Of the state that it answers, ns."""
+    """Of the state that it is for, ns."""
     position: np.ndarray
     """Joint target (7,) rad."""
     velocity: np.ndarray
@@ -39,8 +39,8 @@ def check_command(
 ) -> Command:
     """The command with these fields of a JointState, or Refusal.
 
-    stamp: ns, of the state answered; now: ns, stamp of the newest published state; last: ns, stamp of the
-    last accepted command. Answering the same state twice is allowed. Position rad, velocity rad/s, effort Nm.
+    stamp: ns, of the state that it is for; now: ns, stamp of the newest published state; last: ns, stamp of the
+    last accepted command. A second command for the same state is allowed. Position rad, velocity rad/s, effort Nm.
     """
     if tuple(names) != limits.joints:
         raise Refusal(Reason.NAMES, f"expected {list(limits.joints)}, got {list(names)}")

@@ -166,7 +166,7 @@ class SafetyFilter:
         self._target, self._command = np.clip(q, self.limits.position_lower, self.limits.position_upper), None
 
     def _joint_target(self, state: State, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Torque wanted and velocity of the joint target, before the guards."""
+        """Commanded torque and velocity of the joint target, before the guards."""
         if state is State.MOVING:
             return self._command.effort, self._command.velocity
         none = np.zeros(len(self.limits.joints))

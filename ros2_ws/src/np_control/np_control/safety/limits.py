@@ -183,7 +183,7 @@ def _torque_towards(limits: SafetyLimits, room: np.ndarray) -> np.ndarray:
 
 
 def _clip(values: np.ndarray, bound: np.ndarray) -> np.ndarray:
-    # numpy.clip costs several times its two halves, which tells at 500 Hz.
+    # numpy.clip costs several times its two halves, which matters at 500 Hz.
     return np.maximum(np.minimum(values, bound), -bound)
 
 
@@ -198,7 +198,7 @@ def limit_torque(
     """Torque (..., 7) Nm that may be applied now, and the names of the guards that changed it, of one arm or
     many.
 
-    torque: wanted; previous: applied one period ago, within the limits; q rad, dq rad/s: measured, finite.
+    torque: commanded; previous: applied one period ago, within the limits; q rad, dq rad/s: measured, finite.
     Walls and speed come first, then the torque limit, then the rate, which therefore always holds: a faster
     jump would trip the real robot. Raises Refusal(not_finite).
     """

@@ -1,7 +1,7 @@
 """The press force of an arm that is held up, and the share of the law's torque that limits it.
 
-An impedance law presses by stiffness times the lead of its target over the hand. Who plans a touch goes below a surface, whose height is not
-known yet, and the stiffness up and down is 4 to 14 N/mm by posture: the lead alone bounds nothing.
+An impedance law presses by stiffness times the lead of its target over the hand. The target of a planned touch lies below the surface, whose
+height is not known yet. The vertical stiffness is 4 to 14 N/mm by posture: the lead alone bounds nothing.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ class Reason(StrEnum):
     NAMES = "names"  # not the seven joints, in order
     LENGTH = "length"  # an array of the wrong length
     NOT_FINITE = "not_finite"  # NaN or infinity
-    LATE = "late"  # answers a state older than the limit
-    FUTURE = "future"  # answers a state that was not published yet
+    LATE = "late"  # for a state older than the limit
+    FUTURE = "future"  # for a state that was not published yet
     ORDER = "order"  # older than the command before it
     POSITION = "position"  # joint target outside the joint's range
     VELOCITY = "velocity"  # joint target faster than the joint's limit
@@ -33,7 +33,7 @@ class Reason(StrEnum):
 
 
 class Refusal(ValueError):
-    """A command that must not be carried out: `reason` says why, the text what was expected and what came."""
+    """A command that must not be carried out: `reason` gives the cause, the text what was expected and what came."""
 
     def __init__(self, reason: Reason, text: str):
         super().__init__(reason, text)  # args are what a copy in another process is made from
@@ -87,6 +87,6 @@ class _Counting:
 def check_finite(**arrays: np.ndarray) -> None:
     """Raise Refusal(not_finite), naming the first array that holds NaN or infinity."""
     for name, array in arrays.items():
-        # The sum of squares says so at a fraction of the cost, but for numbers that overflow it.
+        # The sum of squares shows it at a fraction of the cost, but for numbers that overflow it.
         if not isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
             raise Refusal(Reason.NOT_FINITE, f"{name}: expected finite numbers, got {np.asarray(array)}")

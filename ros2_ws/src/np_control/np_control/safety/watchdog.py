@@ -71,7 +71,7 @@ class Watchdog:
             if silence >= self._limits.silence_ns:
                 self._enter(State.STOPPED, f"silence: no command for {silence / 1e6:.0f} ms")
             elif silence > self._limits.missed_periods * self._limits.period_ns:
-                # The same words as long as it lasts: a new cause is told at once.
+                # The same text as long as it lasts: a new cause is reported at once.
                 allowed = self._limits.missed_periods * self._limits.period_ns / 1e6
                 self._enter(State.HOLDING, f"missed: no command for more than {allowed:.0f} ms")
         return self.state

@@ -1,4 +1,4 @@
-"""Whether every publisher of a graph has found its subscribers, by what the nodes say of themselves."""
+"""Whether every publisher of a graph has found its subscribers, by the diagnostics of the nodes."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from np_ros.node import SUBSCRIBERS
 
 
 def has_all_subscribers(node: Node, topic: str, found: int) -> bool:
-    """Whether the subscribers that a publisher of `topic` has found, so many, are all who can hear it, as far as `node` knows.
+    """Whether the subscribers that a publisher of `topic` has found, so many, are all that match it, in the graph that `node` sees.
 
-    One that asks for more than is offered (what is latched, of what is not) is never found and hears nothing.
+    One that requests more than is offered (a latched topic, of one that is not) is never matched and receives nothing.
     """
     if found >= node.count_subscribers(topic):
         return True
@@ -33,7 +33,7 @@ class ConnectionStatus:
 
     def __init__(self, node: Node):
         self._node = node
-        self._found: dict[str, dict[str, int]] = {}  # node, topic: how many subscribers the node says it has found
+        self._found: dict[str, dict[str, int]] = {}  # node, topic: how many subscribers the node reports
         node.create_subscription(DiagnosticArray, "diagnostics", self._receive, qos.RECORDER)
 
     def are_complete(self, names: set[str]) -> bool:
@@ -46,7 +46,7 @@ class ConnectionStatus:
         )
 
     def missing(self, names: set[str]) -> list[str]:
-        """The named nodes that have not spoken yet."""
+        """The named nodes whose diagnostics have not come yet."""
         return sorted(names - set(self._found))
 
     def _receive(self, message: DiagnosticArray) -> None:

@@ -1,4 +1,4 @@
-"""A node of whoever asks and looks: publishes, collects, calls services, waits; for commands and for tests."""
+"""A client node of a graph: publishes, collects, calls services, waits; for commands and for tests."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class GraphClient:
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain_id, signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node(name, context=self._context)
-        self._spinner = Spinner(self.node)  # who answers 500 states a second must not be the slowest part
+        self._spinner = Spinner(self.node)  # a client that replies to 500 states a second must not be the slowest part
         self._publishers: dict[str, object] = {}
         self._services = Services(self.node, self.wait_until)
         self.messages: dict[str, list] = defaultdict(list)

@@ -1,4 +1,4 @@
-"""Asking services, also of nodes that have only just started."""
+"""Calls of services, also of nodes that have only just started."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Wait = Callable[[Callable[[], object], float, str], None]
 
 
 class Services:
-    """The services that `node` asks; wait(condition, timeout s, what) spins it until the condition holds.
+    """The services that `node` calls; wait(condition, timeout s, what) spins it until the condition holds.
 
-    A client sees when it has found a service, not when the service has found the client: what is answered before
-    that is dropped, and never comes. To ask again would be wrong, for a second reset draws another episode. So the
-    serving node is first asked something without effect, as often as it takes: the types of no parameters. DDS
-    announces the readers of a process in the order in which they were made; who answers on the one made last has
-    found those made before. A node without parameter services is asked at once.
+    A client sees when it has found a service, not when the service has found the client: a response sent before
+    that is dropped, and never comes. A second call would be wrong: a second reset draws another episode. So the
+    serving node first gets a request without effect, as often as it takes: the types of no parameters. DDS announces
+    the readers of a process in the order in which they were made. A server that responds to the one made last has
+    found those made before. A node without parameter services is called at once.
     """
 
     def __init__(self, node: Node, wait: Wait):
@@ -63,7 +63,7 @@ class Services:
             self._node.destroy_client(harmless)
 
     def _be_found(self, harmless: Client, timeout: float, what: str) -> None:
-        """Ask until an answer comes."""
+        """Repeat the request until a response comes."""
         futures, again = [], 0.0
 
         def answered() -> bool:

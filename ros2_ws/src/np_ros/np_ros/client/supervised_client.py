@@ -24,7 +24,7 @@ _SPIN = 0.05  # s
 
 
 class GraphError(RuntimeError):
-    """The graph did not do what was asked of it; the text says what was asked and what came."""
+    """The graph did not do what was requested; the text states what was expected and what came."""
 
 
 class SupervisedGraphClient:
@@ -69,7 +69,7 @@ class SupervisedGraphClient:
         self._services.find(Trigger, service, timeout)
 
     def stop_recording(self) -> dict:
-        """Close the recorder's bag; what it says about it. Raises GraphError with the recorder's reason."""
+        """Close the recorder's bag; its response. Raises GraphError with the recorder's reason."""
         return json.loads(self._succeed("recorder/stop").message)
 
     def _succeed(self, service: str) -> Trigger.Response:

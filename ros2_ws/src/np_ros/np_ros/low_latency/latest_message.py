@@ -1,7 +1,7 @@
 """A reader without a callback: the newest message of a stream, taken when it is needed.
 
-A node that decides ten times a second wants ten of 500 states. Woken for each of them it spends most of its time on what it
-throws away; here messages wait in the middleware, which keeps one, and nobody is woken.
+A node that decides ten times a second needs ten of 500 states. Woken for each of them it spends most of its time on what it
+throws away; here messages wait in the middleware, which keeps one, and the node is not woken.
 """
 
 from __future__ import annotations

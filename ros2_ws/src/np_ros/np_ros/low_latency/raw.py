@@ -16,7 +16,7 @@ _PLAIN = b"\0\1\0\0"  # little-endian CDR
 def decode_raw(data: bytes, kind: type):
     """The message of type `kind`, or what stands at the beginning of one. Raises BadMessage (encoding).
 
-    Where rclpy deserializes by itself it drops what cannot be read; who asks for the bytes has to look.
+    Where rclpy deserializes by itself it drops what cannot be read; a subscription to raw bytes has to check.
     """
     try:
         return deserialize_message(data, kind)
@@ -33,7 +33,7 @@ def read_stamp(data: bytes) -> int:
     """
     if len(data) > _HEADER.size:
         encoding, seconds, rest, length = _HEADER.unpack_from(data)
-        # At a twentieth of the time of rclpy's reader, which tells at 500 Hz.
+        # At a twentieth of the time of rclpy's reader, which matters at 500 Hz.
         if encoding == _PLAIN and 0 < length <= len(data) - _HEADER.size:
             return seconds * NANOSECONDS + rest
     time = decode_raw(data, Header).stamp

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from np_ros.processes.locks import lock
 
-if TYPE_CHECKING:  # commands that only ask for the domain's number do without
+if TYPE_CHECKING:  # commands that only read the domain's number do without
     from rclpy.node import Node
 
 _HIGHEST = 232  # the ports of higher ones do not exist
@@ -57,7 +57,7 @@ class OnlyPublisher:
         if self._lock is None:
             try:
                 self._lock = lock(self._place)
-            except OSError:  # not ours to open: discovery alone has to tell
+            except OSError:  # not ours to open: only discovery can show the other
                 return True
         return self._lock is not None
 

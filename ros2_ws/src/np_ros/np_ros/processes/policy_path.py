@@ -1,4 +1,4 @@
-"""The nodes that answer robot and camera, as an episode starts them and as a replay of its recording does again."""
+"""The nodes from robot state and images to commands, as an episode starts them and as a replay of its recording does again."""
 
 from __future__ import annotations
 

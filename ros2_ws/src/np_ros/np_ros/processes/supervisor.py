@@ -1,4 +1,4 @@
-"""Nodes as separate processes: start, watch, stop, and say which one died and why.
+"""Nodes as separate processes: start, watch, stop, and report which one died and why.
 
 The part of `ros2 launch` that the demo, the evaluation and the tests need, so that it also works where
 launch is not installed. A node is found as `ros2 run` finds it: the ament index, then
@@ -29,7 +29,7 @@ from np_ros.processes.locks import lock
 STOP_SEQUENCE = ((signal.SIGINT, 8.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 """What a process gets, and how long s it may take, until it has ended."""
 
-_ENDED = 60.0  # s in which a process ends that was killed, which may have a bag to close; only how long a broken one takes to be told
+_ENDED = 60.0  # s in which a process ends that was killed, which may have a bag to close; only how long until a broken one is reported
 _LAST_LINES = 12
 # MuJoCo, imported, looks for a library of windows in a process of its own, a tenth of a second in each node; none opens one.
 _UNASKED = {"MUJOCO_GL": "disable"}
@@ -100,7 +100,7 @@ class Supervisor:
         domain_id: int | None = None,
         locate: Callable[[str, str], list[str]] = find_installed_command,
     ):
-        ros_domain_id()  # a bad one is told, though a graph in a domain of its own does without it
+        ros_domain_id()  # a bad one is reported, though a graph in a domain of its own does without it
         self.log_directory = Path(log_directory)
         self.log_directory.mkdir(parents=True, exist_ok=True)
         self._reservation = None
@@ -174,9 +174,9 @@ class Supervisor:
                 raise NodeDied(name, process.returncode, self.last_lines(name))
 
     def wait(self, condition: Callable[[], bool], timeout: float, what: str) -> None:
-        """Until `condition()` holds; it is asked again and again, so let it block shortly (spin a node).
+        """Wait until `condition()` holds; it is called again and again, so let it block shortly (spin a node).
 
-        Raises NodeDied, or TimeoutError saying that `what` did not come within `timeout` s.
+        Raises NodeDied, or TimeoutError naming `what`, which did not come within `timeout` s.
         """
         deadline = time.monotonic() + timeout
         while not condition():
@@ -242,7 +242,7 @@ class Supervisor:
 def _prepare(parent: int, nice: int, realtime: int) -> None:
     """Set up the new process before it executes the node, so that the middleware's threads inherit it all."""
     end_with_parent()
-    if os.getppid() != parent:  # it died before we could ask to be told
+    if os.getppid() != parent:  # it died before the signal was requested
         os._exit(128 + signal.SIGTERM)
     os.nice(nice)
     if realtime:
