@@ -13,14 +13,14 @@ from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS
 
 SIZE = 20
 # Weights are refused that were trained with another version. Raise it whenever `decode` makes another target of the same
-# action, at the same gain ranges and residual limits, which the weights' contract names itself; a test holds it to that.
+# action, at the same gain ranges and residual limits, which the weights' contract names itself; a test checks that.
 VERSION = 1
 RATE = 10  # Hz: what the residual limits of one step are meant for
 POSE, STIFFNESS = slice(0, 6), slice(6, 13)  # of the action
 
 
 class PolicyError(RuntimeError):
-    """A network gave something that is no action; the message says what."""
+    """The output of a network is no action; the message states what it is."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ RESIDUAL_LIMITS_FINAL = ResidualLimits(
 
 @dataclass(frozen=True)
 class Target:
-    """What control is asked for: T_E position (..., 3) m, rotation (..., 3, 3); stiffness, damping_ratio (..., 7)."""
+    """Target of the controller: T_E position (..., 3) m, rotation (..., 3, 3); stiffness, damping_ratio (..., 7)."""
 
     position: object
     rotation: object

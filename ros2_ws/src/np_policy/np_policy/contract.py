@@ -1,4 +1,4 @@
-"""The contract of the policies' weights: what they see, what they do, and the arm, law and contacts that they know.
+"""The contract of the policies' weights: observation, action, and the arm, law and contacts that they were trained with.
 
 No PyTorch: a command checks weights before it starts the nodes that load them.
 """

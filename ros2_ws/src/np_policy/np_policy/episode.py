@@ -50,7 +50,7 @@ Event = PhaseState | Tick | Goal
 
 
 class InputRefusal(ValueError):
-    """An input that makes no sense now; the message says why."""
+    """An input that makes no sense now; the message gives the reason."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ class EpisodeConfig:
     """domain; lockstep or real time; policy_period ns; limits of the phases in s, see docs/reference/graph.md.
 
     pre_timeout, post_blind: how long keypoints may be unusable; success_frames: ticks in a row within success_share of the
-    tolerance, or, when the time is over, within all of it, both with the pose's bounds inside the tolerance; contacts: how often a contact may be chosen, each with a post_timeout of
-    its own (paper: 1); min_score: of a usable keypoint; camera: that sees them; camera_covariance: of its pose, (6, 6) m and rad, None
-    where it is exactly there;
+    tolerance, or within all of it when the time is over. Both require the pose's bounds inside the tolerance. contacts: how often
+    a contact may be chosen, each with a post_timeout of its own (paper: 1); min_score: of a usable keypoint; camera: that sees
+    them; camera_covariance: of its pose, (6, 6) m and rad, None where it is exactly there;
     silence, planning: how long by the wall clock nothing may come at all; arrival: rad that a joint may be off the plan's
     end for the arm to have arrived there.
     """
@@ -84,9 +84,9 @@ class EpisodeConfig:
 
 
 class Episode:
-    """Who is asked to act, from one start to success or failure.
+    """The phases of one episode, from its start to success or failure.
 
-    joints: asked for where the arm is, (7,) rad, when it should have arrived; None, where nobody can tell, passes.
+    joints: called when the arm should have arrived; returns its joints (7,) rad, or None where they are unknown, which passes.
     """
 
     def __init__(self, config: EpisodeConfig, joints: Callable[[], np.ndarray | None] = lambda: None) -> None:
@@ -159,7 +159,7 @@ class Episode:
             raise InputRefusal(f"a goal of {stamp} ns, sent before the one of {before.stamp} ns that is in force")
         self._goal_refused = ""
         if before and not self._goal_used and stamp == before.stamp and (goal.keypoints == before.keypoints).all():
-            return []  # said twice
+            return []  # published twice
         # A backend that was restarted: its time begins anew. Its first goal may have been refused.
         if (before and stamp <= before.stamp) or (self._newest and stamp < self._newest[0]):
             self._newest, self._last_tick = None, -1
@@ -174,9 +174,9 @@ class Episode:
     def keypoints(self, stamp: int, keypoints: np.ndarray | None) -> list[Event]:
         """Keypoints (8, 3) of the image taken at stamp ns; None for a message that could not be read."""
         if self._newest is not None and stamp <= self._newest[0]:
-            # The backend asks again where an answer got lost; giving it twice is harmless.
-            asked_again = self.config.lockstep and self.is_active and stamp == self._last_tick
-            return [Tick(stamp, self.phase)] if asked_again else []
+            # The backend publishes a state again where a reply got lost; a second tick is harmless.
+            is_repeated = self.config.lockstep and self.is_active and stamp == self._last_tick
+            return [Tick(stamp, self.phase)] if is_repeated else []
         self._newest = stamp, keypoints
         return self._decide()
 
@@ -186,7 +186,7 @@ class Episode:
         Raises InputRefusal for a plan that nobody waits for.
         """
         if self.phase == APPROACH and stamp == self._planned_from:
-            return []  # said twice
+            return []  # published twice
         self._take_plan(stamp)
         self._plan_end = end
         begins = stamp if self.config.lockstep else self._newest[0]
@@ -199,7 +199,7 @@ class Episode:
         return self._fail(reason or "no plan")
 
     def _take_plan(self, stamp: int) -> None:
-        """The planner's answer to the keypoints of stamp ns begins the approach. Raises InputRefusal."""
+        """The planner's result for the keypoints of stamp ns begins the approach. Raises InputRefusal."""
         awaited = self._planned_from
         if (
             self.phase != PRE
@@ -230,7 +230,7 @@ class Episode:
         return []
 
     def backend_lost(self, reason: str) -> list[Event]:
-        """The backend says nothing any more: what comes back may be another arm, or the same one elsewhere."""
+        """The backend publishes nothing any more: what comes back may be another arm, or the same one elsewhere."""
         return self._fail(reason) if self.is_active else []
 
     @property
@@ -249,7 +249,7 @@ class Episode:
         if not topic or waited <= limit:
             return []
         if topic == "joint_trajectory":
-            self.phase = APPROACH  # pre_contact or approach did not answer: where the episode got stuck
+            self.phase = APPROACH  # nothing came from pre_contact or approach: where the episode got stuck
         return self._fail(f"no {topic} within {limit:g} s")
 
     def _decide(self) -> list[Event]:
@@ -291,11 +291,11 @@ class Episode:
                 self._planned_from = stamp
             elif self._blind_for(stamp) >= self.config.pre_timeout:
                 return self._fail(f"fewer than {MIN_POINTS} usable keypoints for {self.config.pre_timeout:g} s")
-        # In lockstep time stands still while the planner thinks.
+        # In lockstep time stands still while the planner computes.
         return [] if good and self.config.lockstep else [self._tick(stamp)]
 
     def _judge(self, stamp: int, keypoints) -> list[Event]:
-        """Success, failure, or nothing to say about the object at a tick of phase post."""
+        """Success, failure, or neither, by the object's pose at a tick of phase post."""
         config = self.config
         try:
             if keypoints is None:
@@ -349,7 +349,7 @@ class Episode:
 
     @property
     def _bounds(self) -> dict[str, str]:
-        """The estimate's bounds as an end says them; nothing where there is no estimate."""
+        """The estimate's bounds as the message of an end has them; empty where there is no estimate."""
         bounds = {"position_bound": self.position_bound, "angle_bound": self.angle_bound}
         return {name: f"{bound:.4f}" for name, bound in bounds.items() if np.isfinite(bound)}
 

@@ -28,5 +28,5 @@ def post_contact_input(domain: Task, q, dq, keypoints, goal_keypoints, last_acti
 
 
 def _canonical(domain: Task, keypoints, goal_keypoints):
-    """All cameras have the size of the nominal one: the weights' contract says so."""
+    """All cameras have the size of the nominal one: the weights' contract requires it."""
     return canonicalize_keypoints(domain, CAMERA.normalise(keypoints), CAMERA.normalise(goal_keypoints))

@@ -44,7 +44,7 @@ from np_policy.size_generalization import (
 
 @dataclass(frozen=True)
 class PreContact:
-    """pose: T_E wanted before contact, in the base frame; opening: of each finger, m."""
+    """pose: target of T_E before contact, in the base frame; opening: of each finger, m."""
 
     pose: Pose
     opening: float
@@ -86,7 +86,7 @@ class PreContactPolicy:
     def propose(self, keypoints, goal) -> PreContact:
         """From keypoints and goal keypoints (8, 3): u px, v px, score. Raises PolicyError.
 
-        For an object of another size than the weights know a pose is chosen as `np_policy.size_generalization` says.
+        For an object of another size than the weights were trained with, `np_policy.size_generalization` chooses the pose.
         """
         if self._known is None:
             return self._choose(keypoints, goal)
@@ -126,8 +126,8 @@ RETREAT_ACTION = np.eye(action.SIZE)[
 class PostContactPolicy:
     """The post-contact policy with its memory: the last action and the last good keypoints.
 
-    reobserve_after: decisions without enough usable keypoints in a row after which the hand is drawn up, off the object and out of the
-    camera's way, until there are enough or it is RETREAT_HEIGHT high; 0: never. policy_rate, `warnings`: as for PreContactPolicy. Raises WeightsError if its weights are missing or do not fit.
+    reobserve_after: number of decisions in a row without enough usable keypoints, after which the hand is drawn up; 0: never. It leaves
+    the object and the camera's view, until there are enough or it is RETREAT_HEIGHT high. policy_rate, `warnings`: as for PreContactPolicy. Raises WeightsError if its weights are missing or do not fit.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
-"""An object of another size than the one that a pre-contact policy was trained with, which is the only one that it knows.
+"""An object of another size than the one that a pre-contact policy was trained with.
 
-The policy is shown the box it knows in the object's place, on the same surface. The hand pose that it chooses there is carried over to
+The policy is shown the trained box in the object's place, on the same surface. The hand pose that it chooses there is carried over to
 the object: along the face in proportion to its size, and before it where training lets the fingers stand. NumPy or PyTorch; poses in
 the base frame: position (..., 3) m, quaternion (..., 4) wxyz, rotation (..., 3, 3).
 """
@@ -21,7 +21,7 @@ SIZES = "sizes"  # of the metadata of weights that were trained with several
 
 
 def read_size_range(metadata: Mapping[str, str]) -> tuple[float, float]:
-    """From what to what factor of all edges weights know objects, by their metadata."""
+    """Least and greatest factor of all edges that weights were trained with, by their metadata."""
     low, high = metadata.get(SIZES, "1 1").split()
     return float(low), float(high)
 
@@ -29,8 +29,10 @@ def read_size_range(metadata: Mapping[str, str]) -> tuple[float, float]:
 def find_trained_domain(
     domain: Task, object_ref: str = DEFAULT, sizes: tuple[float, float] = (1.0, 1.0)
 ) -> Task | None:
-    """The domain with the box that weights know, where the object of `domain` has a size that they do not; else None. object_ref: the object
-    that they were trained with, as np_description.objects.choice names it; sizes: from what to what factor of its edges."""
+    """The domain with the box that weights were trained with, where the object of `domain` has another size; else None.
+
+    object_ref: the object that they were trained with, as np_description.objects.choice names it; sizes: least and greatest factor of its edges.
+    """
     known = domain_with(domain.name, object_ref)
     nearest = np.clip(np.mean(np.divide(domain.half_size, known.half_size)), *sizes) * np.array(known.half_size)
     return None if np.allclose(nearest, domain.half_size, rtol=0, atol=SAME) else known

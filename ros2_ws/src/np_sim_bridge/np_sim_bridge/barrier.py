@@ -1,4 +1,4 @@
-"""The barrier of lockstep: the answers that time waits for (docs/reference/graph.md). No ROS."""
+"""The barrier of lockstep: the replies that time waits for (docs/reference/graph.md). No ROS."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ ACTIVE_PHASES = (*ACTIVE, EXCITE)
 
 
 class LockstepBarrier:
-    """The answers that the state at `stamp` needs before time may go on.
+    """The replies that the state at `stamp` needs before time may go on.
 
     tick_barrier: whether policy ticks wait for the episode's tick, and in phase post for the policy's target;
     without it only the controller is waited for. All stamps are ns.
@@ -22,12 +22,12 @@ class LockstepBarrier:
         self.stamp = 0
 
     def begin(self, stamp: int) -> None:
-        """The state at `stamp` is out: wait for the answers to it, also if it was answered before."""
+        """The state at `stamp` is published: wait for the replies to it, also if they came before."""
         self.stamp = stamp
         self._command = -1
 
     def command(self, stamp: int) -> None:
-        """The controller answered the state at `stamp`."""
+        """The controller's command for the state at `stamp` has come."""
         self._command = stamp
 
     def tick(self, stamp: int, phase: str) -> None:
@@ -35,11 +35,11 @@ class LockstepBarrier:
         self._tick, self._phase = stamp, phase
 
     def target(self, stamp: int) -> None:
-        """The policy answered the image at `stamp`."""
+        """The policy's target for the image at `stamp` has come."""
         self._target = stamp
 
     def missing(self) -> str | None:
-        """The topic whose answer is missing, the earliest in the chain first, or None when time may go on."""
+        """The topic whose message is missing, the earliest in the chain first, or None when time may go on."""
         if self._tick_barrier and self._schedule.is_policy_tick(self.stamp):
             if self._tick != self.stamp:
                 return "episode/tick"

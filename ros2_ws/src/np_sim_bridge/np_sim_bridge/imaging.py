@@ -15,7 +15,7 @@ from np_sim_bridge.renderer import Renderer
 class CameraThread:
     """Draws what is submitted, in order, and hands each image over in its thread.
 
-    make: builds the renderer (in the thread, where OpenGL wants it); deliver(stamp ns, pixels (height, width,
+    make: builds the renderer (in the thread, as OpenGL requires); deliver(stamp ns, pixels (height, width,
     3) uint8) takes an image. Constructing waits for the renderer and raises what building it raised.
     """
 

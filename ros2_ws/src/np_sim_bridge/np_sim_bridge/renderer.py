@@ -33,7 +33,7 @@ class Renderer(Protocol):
 def make_renderer(kind: str, model: mujoco.MjModel, *, shadows: bool = True) -> Renderer:
     """The renderer called `kind` for the camera of `model`; `auto` takes EGL if a trial picture comes out.
 
-    Raises ValueError for an unknown kind, and what OpenGL raises where `egl` is asked for and does not work.
+    Raises ValueError for an unknown kind, and what OpenGL raises where `egl` is requested and does not work.
     """
     if kind not in RENDERERS:
         raise ValueError(f"renderer: expected one of {', '.join(RENDERERS)}, got {kind!r}")

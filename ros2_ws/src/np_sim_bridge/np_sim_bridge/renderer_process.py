@@ -1,6 +1,6 @@
 """A renderer in a process of its own: in real time, drawing must not hold the interpreter that control runs in.
 
-The parent sends the model once and then configurations; the child answers each with the pixels. Both sides are this
+The parent sends the model once and then configurations; the child replies to each with the pixels. Both sides are this
 file: `python -m np_sim_bridge.renderer_process` is the child.
 """
 
@@ -22,7 +22,7 @@ from np_sim_bridge.renderer import make_renderer
 class RendererProcess:
     """Draws like the renderer that `make_renderer` would give for the same arguments, elsewhere.
 
-    Raises RuntimeError, with the child's last words, if it cannot draw.
+    Raises RuntimeError, with the child's last output, if it cannot draw.
     """
 
     def __init__(self, kind: str, model: mujoco.MjModel, *, shadows: bool = True):

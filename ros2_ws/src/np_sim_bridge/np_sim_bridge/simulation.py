@@ -62,7 +62,7 @@ class Simulation:
     beginning; substeps: physics steps in a control period of 2 ms; camera: the one in the scene; patch: effects
     that nominal arm and scene lack; engine: builds the physics; force_reflex: stop or observe.
 
-    `force` follows the external force that the robot would estimate, and `reflex` says why the arm must stop, "" for no reason:
+    `force` follows the external force that the robot would estimate, and `reflex` is the reason to stop the arm, "" for none:
     the owner of the guards makes a fault of it.
     """
 
@@ -159,7 +159,7 @@ class Simulation:
     def step(self, torque: np.ndarray) -> None:
         """Advance by one period with the joint torque (7,) Nm, without gravity, held constant.
 
-        Raises FloatingPointError if the physics diverged, naming what the engine says.
+        Raises FloatingPointError if the physics diverged, with the engine's message.
         """
         extra = friction = _NOTHING
         position, velocity, _ = self.engine.joints()

@@ -52,8 +52,8 @@ def _bracket_tipping(tips: Callable[[float], bool], low: float, high: float) -> 
 
 
 def press(make: Make) -> dict:
-    """A fingertip pressed on the card: how deep it is in it, and the card in the table, mm, by force N. By where they are, not by what
-    the engine says of its contacts: one that lets the finger through has none to tell of."""
+    """A fingertip pressed on the card: how deep it is in it, and the card in the table, mm, by force N. Measured from
+    their poses, not from the engine's contacts: an engine that lets the finger through reports none."""
     above = (0.0, 0.0, 2 * CARD.half_size[2] + TIP_RADIUS)
     rows = []
     for force in FORCES:
@@ -113,7 +113,7 @@ def tip_off_wall(make: Make, force: float = 10.0, distance: float = 0.03, second
 
 
 def slide(make: Make, friction: float, heading: float) -> dict:
-    """Down a slope steeper than the friction angle: the coefficient that the acceleration tells, over the true one."""
+    """Down a slope steeper than the friction angle: the coefficient computed from the acceleration, over the true one."""
     angle, world = np.arctan(friction) + 0.15, make(CUBE)
     world.step(0.3)
     world.tilt(angle, heading)
@@ -138,7 +138,7 @@ def creep(make: Make, friction: float) -> dict:
 
 def push_off_centre(make: Make, offset: float = 0.02, distance: float = 0.06) -> dict:
     """Pushed slowly 2 cm beside its middle over 6 cm: how far it turns, degrees. No theory: it depends on where the box
-    bears (31 for a pressed patch, 17 for its corners), which no simulator knows."""
+    bears (31 for a pressed patch, 17 for its corners), which no simulator models."""
     start = np.array([-CUBE.half_size[0] - TIP_RADIUS - 1e-4, offset, CUBE.half_size[2]])
     world = make(BoxOnTable(CUBE.half_size, CUBE.mass, tuple(start)))
     world.step(0.3)

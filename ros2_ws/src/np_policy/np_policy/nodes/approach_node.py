@@ -30,7 +30,7 @@ _REPEATED = 0.5  # s of wall time: backends repeat after 1 s
 class ApproachNode(Node):
     """Plans once for every `pre_contact_pose`, when the opening, the keypoints and the state it needs are there.
 
-    In lockstep a pose or a state that is repeated gets the same answer again: then the first one was lost.
+    In lockstep a pose or a state that is repeated gets the same reply again: then the first one was lost.
     """
 
     def __init__(self) -> None:
@@ -101,7 +101,7 @@ class ApproachNode(Node):
         self._act()
 
     def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
-        # While a plan is awaited the keypoints that it answers are kept.
+        # While a plan is awaited its keypoints are kept.
         if keypoints is not None and (self._wanted is None or stamp <= self._wanted[0]):
             self._keypoints = stamp, keypoints
             self._act()
@@ -150,7 +150,7 @@ class ApproachNode(Node):
         self.diagnostics.report(DiagnosticStatus.ERROR, reason)
 
     def _repeat(self) -> None:
-        """Publish the answer again, unless it has just been: what was repeated during planning has had it."""
+        """Publish the reply again, unless it has just been: a repeat that came during planning has had it."""
         if time.monotonic() - self._answered_at > _REPEATED:
             self._say(self._answer)
 

@@ -83,7 +83,7 @@ def use_one_thread(file: Path) -> None:
 
 
 def report_weights(node: Node, diagnostics: Diagnostics, warnings: Sequence[str]) -> None:
-    """Say in log and diagnostics how the weights differ from what runs here, where that is no refusal."""
+    """Report in log and diagnostics how the weights differ from what runs here, where that is no refusal."""
     if warnings:
         node.get_logger().warn("; ".join(warnings))
         diagnostics.report(DiagnosticStatus.WARN, "; ".join(warnings))
@@ -139,7 +139,7 @@ class StateStream:
     """The joint state that decisions are made on: in lockstep that of the last policy tick, else the newest.
 
     States come 500 times a second and are needed ten times: only those are decoded, and in real time only those are taken.
-    `stamp` is that of the state that `has` last asked for.
+    `stamp` is that of the last call of `has`.
     """
 
     def __init__(

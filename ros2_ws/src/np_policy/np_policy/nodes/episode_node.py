@@ -104,7 +104,7 @@ class EpisodeNode(Node):
         subscribe_keypoints(self, self.diagnostics, settings.lockstep, self._on_keypoints)
         self.create_service(Trigger, "~/start", lambda _, response: self._serve(self._episode.start, response))
         self.create_service(Trigger, "~/stop", lambda _, response: self._serve(self._episode.stop, response))
-        # Its answer comes at the episode's end: nobody else's service may wait for it.
+        # Its response comes at the episode's end: no other service may wait for it.
         self._ends: list[Future] = []
         self.create_service(Trigger, "~/run", self._run, callback_group=ReentrantCallbackGroup())
         create_steady_timer(self, 0.1, self._on_timer)
@@ -136,7 +136,7 @@ class EpisodeNode(Node):
         def read() -> list[Event]:
             times, positions, _ = trajectory_arrays(message, JOINT_NAMES)
             stamp = stamp_nanoseconds(message.header.stamp)
-            if not len(times):  # of a planner that does not say why
+            if not len(times):  # of a planner that gives no reason
                 return self._episode.refusal(stamp)
             return self._episode.trajectory(stamp, float(times[-1]), positions[-1])
 
@@ -185,7 +185,7 @@ class EpisodeNode(Node):
         return response
 
     async def _run(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """As `start`, with the answer at the episode's end."""
+        """As `start`, with the response at the episode's end."""
         future = Future()
         self._ends.append(future)
         if not self._serve(self._episode.start, response).success:

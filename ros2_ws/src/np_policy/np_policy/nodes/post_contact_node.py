@@ -35,7 +35,7 @@ _KEPT = 8  # keypoints messages that wait for their tick
 
 
 class PostContactNode(Node):
-    """Pairs tick, keypoints and state of one stamp and asks the policy."""
+    """Pairs tick, keypoints and state of one stamp and runs the policy on them."""
 
     def __init__(self) -> None:
         super().__init__("post_contact")
@@ -63,7 +63,7 @@ class PostContactNode(Node):
         report_weights(self, self.diagnostics, self._policy.warnings)
         self._keypoints: OrderedDict[int, np.ndarray | None] = OrderedDict()
         self._phase = ""
-        self._pending: int | None = None  # stamp of the tick that is to be answered
+        self._pending: int | None = None  # stamp of the tick whose target is due
         self._answer: tuple[int, Float64MultiArray, PoseStamped] | None = None  # stamp, gains, pose
         stream = qos.publisher(self._settings.lockstep)
         self._gains = self.create_publisher(Float64MultiArray, "target_gains", stream)
@@ -85,7 +85,7 @@ class PostContactNode(Node):
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
         if self._answer and self._answer[0] == stamp:
-            return self._send()  # asked again: the answer was lost
+            return self._send()  # a repeated tick: the first reply was lost
         if phase == POST and self._phase != POST:
             self._policy.reset()
         self._phase = phase

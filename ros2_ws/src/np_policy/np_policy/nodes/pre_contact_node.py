@@ -1,4 +1,4 @@
-"""`pre_contact`: keypoints and goal to the hand pose and finger opening wanted before contact."""
+"""`pre_contact`: keypoints and goal to the hand pose and finger opening before contact."""
 
 from __future__ import annotations
 
@@ -35,8 +35,10 @@ OLDEST_KEYPOINTS = 0.5  # s since they came, in real time
 
 
 class PreContactNode(Node):
-    """Answers every new goal once, and every contact that is to be chosen anew, with the first good keypoints of phase `pre`; again if
-    the backend repeats those."""
+    """Publishes one hand pose for every new goal, and for every contact that is to be chosen anew.
+
+    It uses the first good keypoints of phase `pre`, and publishes the pose again if the backend repeats those.
+    """
 
     def __init__(self) -> None:
         super().__init__("pre_contact")
@@ -53,7 +55,7 @@ class PreContactNode(Node):
         )
         self.diagnostics = Diagnostics(self)
         report_weights(self, self.diagnostics, self._planner.warnings)
-        self._answered = -1  # stamp of the last goal that was answered
+        self._answered = -1  # stamp of the last goal that a pose was published for
         self._answer: tuple[int, Float64, PoseStamped] | None = None  # stamp of its keypoints, and the messages
         self._keypoints: tuple[int, np.ndarray] | None = None
         self._arrived = 0.0  # s of wall time, of the newest keypoints
@@ -65,7 +67,7 @@ class PreContactNode(Node):
         subscribe_keypoints(self, self.diagnostics, self._settings.lockstep, self._on_keypoints)
         self.create_subscription(DiagnosticArray, "episode/phase", self._on_phase, qos.LATCHED)
         self._goal = GoalStream(self, self.diagnostics, self._act, self._forget)
-        create_steady_timer(self, 0.1, self._act)  # for answers that wait for their listeners
+        create_steady_timer(self, 0.1, self._act)  # for poses that wait for their subscribers
 
     def _on_phase(self, message: DiagnosticArray) -> None:
         try:
@@ -103,7 +105,7 @@ class PreContactNode(Node):
         if began == self._answered or stamp < max(began, self._since) or not self._is_heard():
             return
         if not self._settings.lockstep and time.monotonic() - self._arrived > OLDEST_KEYPOINTS:
-            return  # of a camera that has fallen silent
+            return  # of a camera that sends nothing any more
         self._answered = began
         try:
             wanted = self._planner.propose(keypoints, self._goal.keypoints)
@@ -122,7 +124,7 @@ class PreContactNode(Node):
         self._pose.publish(pose)
 
     def _is_heard(self) -> bool:
-        """Whether everybody that listens would get what is published now: it is not sent twice without being asked."""
+        """Whether every subscriber would get what is published now: it is sent again only on a repeat."""
         found = {each.topic_name: each.get_subscription_count() for each in (self._gripper, self._pose)}
         return all(count > 0 and has_all_subscribers(self, topic, count) for topic, count in found.items())
 

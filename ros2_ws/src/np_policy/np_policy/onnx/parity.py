@@ -1,4 +1,4 @@
-"""Whether a policy's ONNX file answers as PyTorch does with its weights, and how long each takes."""
+"""Whether a policy's ONNX file has the outputs of PyTorch with its weights, and how long each takes."""
 
 from __future__ import annotations
 

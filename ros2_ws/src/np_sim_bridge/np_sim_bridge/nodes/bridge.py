@@ -1,7 +1,7 @@
 """A simulated robot and camera behind the topics and services of docs/reference/graph.md, whatever the engine.
 
-Lockstep: a state goes out, and the simulation takes the next step in the callback of the last answer that was
-missing; nothing is polled. Real time: a steady 2 ms timer steps with the newest command.
+Lockstep: a state is published, and the simulation takes the next step in the callback of the last missing
+reply; nothing is polled. Real time: a steady 2 ms timer steps with the newest command.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from np_sim_bridge.schedule import PERIOD, SECOND, Schedule
 from np_sim_bridge.simulated_camera import SimulatedCamera
 from np_sim_bridge.simulation import Simulation
 
-REPEAT_AFTER = 1.0  # s of wall time without an answer, after which a state is published again
+REPEAT_AFTER = 1.0  # s of wall time without a reply, after which a state is published again
 LISTENERS = "arrival at who listens"
 APPLIED_EVERY = 5 * PERIOD  # ns between messages on applied_command: 100 Hz
 WARN, ERROR = DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -77,7 +77,7 @@ class Bridge(Node):
         self._filter = SafetyFilter()
         self._next_episode = settings.first_episode
         self._paused = False
-        self._armed = False  # whether a missing answer is an error, or nobody has started yet
+        self._armed = False  # whether a missing reply is an error, or no controller has started yet
         self._waiting_since = self._repeated_at = time.monotonic()
         self._due: int | None = None  # monotonic ns of the period to come
         self._reported: tuple[State, str] | None = None
@@ -104,7 +104,7 @@ class Bridge(Node):
 
     def _make_camera(self, patch: Patch, view: CameraEffects) -> SimulatedCamera:
         settings, drawn = self._settings, self._simulation.model
-        if settings.look == MESHES:  # a second model: what is simulated knows nothing of meshes
+        if settings.look == MESHES:  # a second model: the simulated one has no meshes
             change = patch.scene_change()
             drawn = load_visual_model(
                 settings.domain, meshes=True, camera=view.camera, panda=patch.panda(), change=change
@@ -131,7 +131,7 @@ class Bridge(Node):
             self.create_timer(0.25, self._look_for_silence, clock=steady)
             self._look_for_arrival = self.create_timer(0.001, self._on_arrival, clock=steady)
             self._look_for_arrival.cancel()
-            # Time does not stand still while the arm is being stopped: nobody's answer is needed for that.
+            # Time does not stand still while the arm is being stopped: that needs no reply.
             self._coast = self.create_timer(0.001, self._on_coast, clock=steady)
             self._coast.cancel()
         else:
@@ -142,7 +142,7 @@ class Bridge(Node):
     def _on_command(self, message: JointState) -> None:
         if (stamp := self._read(stamp_nanoseconds, message.header.stamp)) is None:
             return
-        # The second answer to a state that was published twice is not applied; a broken one is counted all the same.
+        # The second command for a state that was published twice is not applied; a broken one is counted all the same.
         is_second = self._lockstep and stamp < self._simulation.stamp and stamp == self._answered
         try:
             if is_second:
@@ -156,7 +156,7 @@ class Bridge(Node):
         else:
             self._armed |= not self._settings.tick_barrier
         if self._lockstep and stamp == self._simulation.stamp:
-            # A refused answer is an answer too: the period counts as missed, and the watchdog decides.
+            # A refused command ends the wait too: the period counts as missed, and the watchdog decides.
             self._answered = stamp
             self._barrier.command(stamp)
             self._advance()
@@ -196,7 +196,7 @@ class Bridge(Node):
     # Time
 
     def _advance(self) -> None:
-        """Lockstep: take the next step if every answer is there, and everybody has what was said until not long ago."""
+        """Lockstep: take the next step if every reply is there, and every subscriber has what was published until not long ago."""
         if not self._paused and self._filter.watchdog.may_move and self._barrier.missing() is None:
             if self._outlet.has_arrived(self._simulation.stamp):
                 self._step()
@@ -235,7 +235,7 @@ class Bridge(Node):
         self._report()
 
     def _look_for_silence(self) -> None:
-        """Lockstep: publish a state again that nobody answers, and stop the arm if that does not help."""
+        """Lockstep: publish a state again that gets no reply, and stop the arm if that does not help."""
         topic = self._barrier.missing()
         if topic is None and not self._look_for_arrival.is_canceled():
             topic = LISTENERS
@@ -280,7 +280,7 @@ class Bridge(Node):
         return f"episode {self._simulation.task.episode} at {stamp} ns"
 
     def _stand_at_task(self) -> None:
-        """Hold the ready posture, and say which goal and state the episode begins with."""
+        """Hold the ready posture, and publish the goal and state that the episode begins with."""
         task = self._simulation.task
         self.diagnostics.values["episode"] = task.episode
         self._answered = -1
@@ -334,12 +334,12 @@ class Bridge(Node):
         self.diagnostics.values["stamp"] = stamp
 
     def _repeat(self) -> None:
-        """Publish the present state again, for those who have not heard it."""
+        """Publish the present state again, for subscribers that have not received it."""
         self._repeated_at = time.monotonic()
         self._outlet.repeat(self._simulation.stamp)
 
     def _report(self) -> None:
-        """Tell the state, and what it means: published at once when it changes."""
+        """Report the state, and what it means: published at once when it changes."""
         state, cause = self._filter.state, self._filter.watchdog.cause
         if self._lockstep and not self._filter.watchdog.may_move:
             self._coast.reset()

@@ -30,7 +30,7 @@ from np_ros.task_domain import declare_domain
 
 
 class KeypointOracle(Node):
-    """Answers every `object_pose`, which comes when an image would, with its eight corners in the image."""
+    """Publishes the eight corners in the image for every `object_pose`, which comes when an image would."""
 
     def __init__(self):
         super().__init__("keypoint_oracle")

@@ -34,10 +34,10 @@ ARRIVED_WITHIN = 2 * SECOND  # ns that time goes on without a moment at which al
 
 
 class BridgePublishers:
-    """The topics that go out of a bridge `node`.
+    """The topics that a bridge `node` publishes.
 
-    camera: as it is believed to be; joined: called in lockstep where somebody begins to listen, for whoever joins while time
-    stands still must get the state that it stands at. Stamps are in ns.
+    camera: the nominal one; joined: called in lockstep for each new subscriber, which must get the present state even while
+    time stands still. Stamps are in ns.
     """
 
     def __init__(self, node: Node, camera: Camera, *, lockstep: bool, joined: Callable[[], None]):
@@ -70,14 +70,14 @@ class BridgePublishers:
         self._arrivals = Arrivals(streams, ARRIVED_WITHIN)
 
     def has_arrived(self, stamp: int) -> bool:
-        """Whether everybody has what was said until not long before `stamp`."""
+        """Whether every subscriber has what was published until not long before `stamp`."""
         return self._arrivals.are_recent(stamp)
 
     def state(self, measured: Measurement, wrench: np.ndarray) -> None:
         """A new state of the arm, the external wrench (6,) N, Nm on it, and its time."""
         stamp = measured.stamp
         joints = self._joints.fill(stamp, measured.position, measured.velocity, measured.effort)
-        self._joint_states.publish(joints)  # first, so that the controller thinks while the rest is sent
+        self._joint_states.publish(joints)  # first, so that the controller computes while the rest is sent
         self._now.clock = stamp_message(stamp)
         self._clock.publish(self._now)
         external = self._external.fill(stamp, wrench)

@@ -47,9 +47,9 @@ class BridgeSettings:
     look: str
     """Appearance of the scene."""
     tick_barrier: bool
-    """Whether a tick waits for those who answer it."""
+    """Whether a tick waits for the nodes that reply to it."""
     timeout: float
-    """Of an answer in lockstep, s of wall time."""
+    """Of a reply in lockstep, s of wall time."""
     priority: int
     """Of first-in-first-out scheduling; 0: none."""
     effects: str
@@ -59,7 +59,7 @@ class BridgeSettings:
 
     @property
     def lockstep(self) -> bool:
-        """Whether time waits for the answers."""
+        """Whether time waits for the replies."""
         return self.mode == "lockstep"
 
 
