@@ -13,7 +13,7 @@ SIMULATORS = {node.executable: node.package for node in simulators.SIMULATORS.va
 """The package of each simulated robot."""
 SIMULATED, REAL = ENGINES["mujoco"], "franka_driver"
 OWN = "none"
-"""A backend that is not ours to start: `backend_node` says who it is."""
+"""A backend that is not ours to start: `backend_node` names its node."""
 BACKENDS = (*SIMULATORS, REAL, OWN)
 CAMERAS = ("realsense", "none")
 CONTROLS = ("topic", "onboard")

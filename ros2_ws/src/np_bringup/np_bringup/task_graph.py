@@ -111,7 +111,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     if given["bag"]:
         nodes.insert(0, _recorder(given, is_simulated=elsewhere is None))
     if given["mode"] == "realtime":
-        # The loop must not wait for those who think: state in, command out, every 2 ms.
+        # The loop must not wait for slow nodes: state in, command out, every 2 ms.
         nodes = [
             replace(node, realtime=LOOP_PRIORITY)
             if node.package == "np_control" or node.executable in backends.BACKENDS
@@ -153,7 +153,7 @@ def check_and_build_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
 
 
 def _recorder(given: Mapping[str, str], is_simulated: bool) -> NodeSpec:
-    """The recorder, which knows of the launch arguments, and what a bag must have to be of an episode."""
+    """The recorder, with the launch arguments as its run_info and the topics that a bag of an episode requires."""
     information = {**json.loads(given["run_info"]), **{k: v for k, v in given.items() if k not in _NOT_KEPT}}
     required = [
         "joint_states",

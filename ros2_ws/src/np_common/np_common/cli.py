@@ -14,7 +14,7 @@ INTERRUPTED = 130  # the exit status of a command ended by Ctrl-C
 
 
 class Parser(argparse.ArgumentParser):
-    """The options of a command. What is wrong with them is all that is said: the usage, by which argparse goes first, has many lines."""
+    """The options of a command. An error prints one line, without the usage of many lines that argparse prints first."""
 
     def error(self, message: str) -> NoReturn:
         """End the command with status 2."""
@@ -50,7 +50,7 @@ class Progress:
         self._bar: _Bar | None = None
 
     def show(self, done: float, text: str = "") -> None:
-        """Show `done` of the total and a few words; not on a terminal, a line every 5 % at most."""
+        """Show `done` of the total and a short text; not on a terminal, a line every 5 % at most."""
         if self._bar is None:
             is_live = sys.stderr.isatty()
             self._bar = _Bar(

@@ -33,7 +33,7 @@ _MOST = 1024  # cases at a time
 
 
 def missing(cluster: str) -> str:
-    """The missing package that `cluster` needs, in words; empty where none is missing."""
+    """An error text for the missing package that `cluster` needs; empty where none is missing."""
     if cluster and find_spec("distributed") is None:
         return f"{cluster}: expected the package distributed, which `make cluster` installs"
     return ""
@@ -43,8 +43,8 @@ def workers(jobs: int, cluster: str = "") -> AbstractContextManager[Executor]:
     """An executor of `jobs` processes, each started anew; of a cluster that is elsewhere, of all the workers that it has.
 
     Where its context is left by an exception, cases under way on this machine are interrupted and no further one is begun.
-    The case of a worker that is lost is done by another, once (a scheduler of your own: as it was told); the next time its
-    future raises: BrokenProcessPool, of a cluster KilledWorker. Raises OSError for a cluster that does not answer, or without Dask.
+    The case of a worker that is lost is done by another, once (a scheduler of your own: as it is configured); the next time its
+    future raises: BrokenProcessPool, of a cluster KilledWorker. Raises OSError for a cluster that does not reply, or without Dask.
     """
     if not cluster:
         return _on_this_machine(jobs)
@@ -66,9 +66,9 @@ def _on_this_machine(jobs: int) -> Iterator[Executor]:
 
 
 class _Processes(ThreadPoolExecutor):
-    """Threads with a process each, which does one case after another: where one is killed, that is the only case it costs a try.
+    """Threads with a process each, which does one case after another: a killed process costs only its own case a try.
 
-    A process is started by the thread that it works for, since the kernel tells it when that one is gone, not when its command is.
+    Each thread starts its own process: the kernel signals a process at the end of the thread that started it, not of the command.
     """
 
     def __init__(self, jobs: int):
@@ -80,7 +80,7 @@ class _Processes(ThreadPoolExecutor):
         return super().submit(self._try, case, arguments, named)
 
     def end(self) -> None:
-        """Interrupt what is under way: a process that is told to end does so with the case that it is at, which cleans up."""
+        """Interrupt what is under way: a process with SIGTERM ends together with its present case, which cleans up."""
         with self._starting:
             self._is_ending = True
         self.shutdown(wait=False, cancel_futures=True)
@@ -121,7 +121,7 @@ def _end(number, frame) -> None:
     if not _at_work:
         os._exit(128 + number)
     _told_to_end.append(number)
-    # The kernel tells it once for every thread of the parent that a process was handed to: what cleans up is not to be interrupted again.
+    # The kernel sends it once for every thread of the parent that a process was handed to: cleaning up is not to be interrupted again.
     if len(_told_to_end) == 1:
         raise KeyboardInterrupt  # so that the case ends what it has started
 
@@ -131,7 +131,9 @@ def _do(case, /, *arguments, **named):
     try:
         return case(*arguments, **named)
     finally:
-        if _told_to_end:  # nobody waits for its answer, and where the parent was killed nobody would end this process
+        if (
+            _told_to_end
+        ):  # its result is not awaited, and nothing else would end this process where the parent was killed
             os._exit(128 + _told_to_end[0])
         _at_work.pop()
 
@@ -153,7 +155,7 @@ def _on_dask(jobs: int, cluster: str) -> Iterator[Executor]:
                         yield pool
                     except BaseException:
                         pool.shutdown(wait=False, cancel_futures=True)
-                        client.close()  # what waits for a case is told
+                        client.close()  # futures that wait for a case raise
                         raise
         finally:
             if started is not None:

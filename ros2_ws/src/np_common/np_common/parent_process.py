@@ -10,7 +10,7 @@ _libc = ctypes.CDLL(None)  # before any fork: a new process may not load it
 
 
 def end_with_parent() -> None:
-    """Ask the kernel (Linux) for SIGTERM when the parent ends, however it ends.
+    """Request SIGTERM from the kernel (Linux) when the parent ends, however it ends.
 
     SIGTERM, not SIGINT: what a shell starts in the background ignores that one until it has made its own handler.
     """

@@ -1,6 +1,6 @@
 """Rotations of batches: quaternions, matrices, rotation vectors, the 6D form.
 
-Every function takes NumPy arrays or PyTorch tensors of any leading shape and returns the same kind, so that training
+Every function takes NumPy arrays or PyTorch tensors of any leading shape and returns the same kind. So training
 (tensors on a GPU) and the nodes (arrays) share one definition. Quaternions are scalar first (w, x, y, z), as in MuJoCo;
 ROS puts the scalar last, and `wxyz_from_xyzw` / `xyzw_from_wxyz` are the only place where the order changes.
 """

@@ -1,8 +1,8 @@
 """The real camera's pose: one file, written by the command `calibrate`, read by all that project or
 rectifies.
 
-The file is YAML. It keeps the pose of the camera's own optical frame in the robot's base frame, how sure it
-is of it, the lens it was measured with, where the table was seen, and the date. Units m, rad, px; quaternions
+The file is YAML. It has the pose of the camera's own optical frame in the robot's base frame with its covariance,
+the lens it was measured with, where the table was seen, and the date. Units m, rad, px; quaternions
 wxyz.
 
 A camera never stands exactly where `np_description.camera.CAMERA` does. The camera node turns its images,
@@ -286,5 +286,5 @@ def _flat(content: dict) -> list[float]:
 
 
 def _plain(content: dict) -> dict:
-    """Numbers and lists as YAML knows them."""
+    """Numbers and lists of YAML's own types."""
     return {key: list(value) if isinstance(value, tuple) else value for key, value in content.items()}

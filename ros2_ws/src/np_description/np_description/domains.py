@@ -1,8 +1,8 @@
 """The three tasks: object, fixed surroundings, start and goal distributions, success.
 
-Densities and tolerances are the paper's (Kim et al., IROS 2023). It prints no sizes, which follow here from mass and density, and
-describes the start and goal distributions in words; the ranges in metres below are this project's reading of them, in the base frame
-of the robot (x forward, y left, z up, table top at z = 0).
+Densities and tolerances are the paper's (Kim et al., IROS 2023). It prints no sizes, which follow here from mass and density. It
+describes the start and goal distributions only in words: the ranges in metres below are this project's reading of them. They are
+in the base frame of the robot (x forward, y left, z up, table top at z = 0).
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Task:
     """One task family: object, fixed surroundings, distributions of start and goal, success."""
 
     name: str
-    """By which commands and parameters know it (`domain`)."""
+    """Its name in commands and parameters (`domain`)."""
     half_size: tuple[float, float, float]
     """Of the object, (3,) m."""
     density: float
@@ -100,7 +100,7 @@ class Task:
     interchangeable: bool = False
     """Whether policies see the object under other names of its faces (np_description.symmetry)."""
     contact: ContactModel = HARD
-    """In which its released weights were trained: what its scene is made of, and its bags judged by, where nothing else is said."""
+    """In which its released weights were trained: what its scene is made of, and its bags judged by, unless another is given."""
     object: ObjectSpec | None = None
     """Another than its own, whose size and mean density the task then has (np_description.objects.choice); None: a homogeneous box."""
 

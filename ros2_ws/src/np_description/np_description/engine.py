@@ -56,5 +56,5 @@ class MakeEngine(Protocol):
         panda: PandaModel = NOMINAL,
         change: SceneChange = UNCHANGED,
     ) -> Engine:
-        """substeps: physics steps in a control period; camera: that of `model`; panda: the arm's numbers; change: what of the
-        scene is other than the domain says."""
+        """substeps: physics steps in a control period; camera: that of `model`; panda: the arm's numbers; change: how the
+        scene differs from the domain's."""

@@ -1,4 +1,4 @@
-"""The share of its limits that an arm uses, which tells a motion that the next robot can make from one that its reflex stops."""
+"""The share of its limits that an arm uses: a motion with a small share does not trip the reflex of the next robot."""
 
 from __future__ import annotations
 

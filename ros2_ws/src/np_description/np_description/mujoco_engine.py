@@ -34,7 +34,7 @@ class MujocoEngine:
         timestep = PERIOD_NS / SECOND_NS / substeps
         self.model = load_model(domain, timestep=timestep, camera=camera, panda=panda, contact=contact, change=change)
         self.data = data = mujoco.MjData(self.model)
-        # Views of MuJoCo's own memory: to ask for one costs as much as to read it.
+        # Views of MuJoCo's own memory: making one costs as much as reading it.
         self._qpos, self._qvel, self._drive = data.qpos, data.qvel, data.qfrc_actuator
         self._ctrl, self._applied, self._warnings = data.ctrl, data.qfrc_applied, data.warning.number
         self._substeps = substeps
@@ -87,6 +87,6 @@ class MujocoEngine:
         self._applied[self._arm] = extra
         mujoco.mj_step(self.model, self.data, self._substeps)
         for warning in DIVERGED:
-            # MuJoCo answers these by resetting the scene to its default, which would pass for a measurement.
+            # On these MuJoCo resets the scene to its default, which would pass for a measurement.
             if self._warnings[warning]:
                 raise FloatingPointError(warning.name)

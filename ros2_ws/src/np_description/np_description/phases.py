@@ -1,4 +1,4 @@
-"""The phases of an episode, and what `episode/phase` and `episode/tick` say of them (docs/reference/graph.md)."""
+"""The phases of an episode, and their fields in `episode/phase` and `episode/tick` (docs/reference/graph.md)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SUCCEEDED, FAILED, FAULT = "succeeded", "failed", "fault"
 EXCITE = "excite"  # an experiment on the bare arm, which has a name
 ACTIVE = (PRE, APPROACH, POST)
 ENDS = (SUCCEEDED, FAILED, FAULT)
-AT_REST = (IDLE, *ENDS)  # nothing is under way, and nothing is asked of the arm
+AT_REST = (IDLE, *ENDS)  # nothing is under way, and nothing is required of the arm
 _BOUND = re.compile(r"[0-9]+(\.[0-9]+)?")
 PHASES = (*AT_REST, *ACTIVE, EXCITE)
 
@@ -47,7 +47,7 @@ class PhaseState:
 
     @property
     def values(self) -> dict[str, str]:
-        """The documented keys and their values; none for what there is nothing to say of."""
+        """The documented keys and their values, without empty ones."""
         return {field.name: text for field in fields(self) if (text := getattr(self, field.name))}
 
     @classmethod
@@ -68,5 +68,5 @@ def split_reason(text: str) -> tuple[str, str]:
 
 
 def first_end(said: Iterable[PhaseState]) -> PhaseState | None:
-    """The first end of an episode among what was said, or None: what comes after it is of no episode any more."""
+    """The first end of an episode among published phases, or None: later phases are of no episode any more."""
     return next((state for state in said if state.phase in ENDS), None)

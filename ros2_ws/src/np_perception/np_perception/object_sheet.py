@@ -1,4 +1,4 @@
-"""The faces of an object in the colours by which detectors tell its corners, on sheets of paper, to scale."""
+"""The faces of an object in the colours by which detectors distinguish its corners, on sheets of paper, to scale."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The object's pose from its eight keypoints in one image (perspective-n-point with the known box).
 
-At 2 mm a pixel a small flat box fixes its distance only to a centimetre and its tilt to several degrees, and two tilts may
-explain the same image. So the pose in which the box rests on a face is tried first: three unknowns instead of six. Only
-where no such pose explains the keypoints as well as a free one does, the object is taken to be tilted or in the air.
+At 2 mm a pixel the image of a small flat box fixes its distance only to a centimetre and its tilt to several degrees. Two
+tilts may explain the same image. So the pose in which the box rests on a face is tried first: three unknowns instead of six.
+Only where a free pose explains the keypoints better, the object is taken to be tilted or in the air.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _LEAST = 1e-6  # added to a normal matrix, which may be singular
 
 
 class PoseError(RuntimeError):
-    """No pose explains the keypoints; the message says why."""
+    """No pose explains the keypoints; the message gives the reason."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def estimate_pose(
     min_score: keypoints below it are left out; max_rms px: a worse fit is refused; floor m: no corner is lower, so that of two
     corners that are off by 3 px no card is taken to be 3 cm below the table; lies px: a pose in which it rests on a face is taken
     where it is no worse than that, whatever explains the keypoints better; camera_covariance: of the camera's pose, (6, 6) m and rad as
-    in a calibration, None for a camera that is where it is said to be. Raises PoseError with fewer than MIN_POINTS usable
+    in a calibration, None for a camera whose pose is exact. Raises PoseError with fewer than MIN_POINTS usable
     keypoints or without a pose that explains them.
     """
     keypoints = np.asarray(keypoints, float)

@@ -82,7 +82,7 @@ class PhysxEngine:
         order = [joint.name for joint in self.articulation.get_active_joints()]
         self._kinds = translator.kinds
         self._dofs = len(order)
-        # In PhysX's order; where nothing is asked for it stays none.
+        # In PhysX's order; joints without a command stay at zero.
         self._force = np.zeros(len(order), dtype=np.float32)
         self._order = np.array([order.index(name) for name in STATE_NAMES])
         self._drives = [joints[name] for name in STATE_NAMES[len(JOINT_NAMES) :]]

@@ -73,7 +73,7 @@ def scene(library: ModuleType, timestep: float):
 class Translator:
     """Builds the parts of a scene from a compiled model whose frictions are those of `contact`.
 
-    `kinds` says of every shape what it is a part of (`np_description.contact.penetration.kind_of`).
+    `kinds` gives for every shape what it is a part of (`np_description.contact.penetration.kind_of`).
     """
 
     def __init__(self, library: ModuleType, model: mujoco.MjModel, contact: ContactModel):

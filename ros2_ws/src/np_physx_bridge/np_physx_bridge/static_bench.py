@@ -34,7 +34,7 @@ def results() -> dict[str, dict]:
 
 
 def figures(answers: dict[str, dict]) -> dict[str, dict[str, float | str]]:
-    """The summary of answers as `results` gives them, rigid theory first."""
+    """The summary of figures as `results` returns them, rigid theory first."""
     return {"rigid theory": bench.THEORY, **{name: bench.figures(answer) for name, answer in answers.items()}}
 
 

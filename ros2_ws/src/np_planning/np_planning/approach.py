@@ -194,7 +194,7 @@ class _Hand:
                 f"within {self.config.limit_margin:g} rad of its limit"
             )
         order = np.linalg.norm(found - joints, axis=1)
-        order[:2] -= 100.0, 50.0  # where the arm already is, or usually is, the policies know their way
+        order[:2] -= 100.0, 50.0  # where the arm already is, or usually is: the policies were trained there
         return found[np.argsort(np.where(inside, order, np.inf), kind="stable")][: inside.sum()]
 
     def bounds(self, *postures) -> tuple[np.ndarray, np.ndarray]:

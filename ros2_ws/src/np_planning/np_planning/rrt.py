@@ -18,7 +18,7 @@ DOF = 7
 
 
 class PlanningError(RuntimeError):
-    """No motion could be planned; the message says why."""
+    """No motion could be planned; the message gives the reason."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def find_path(
 
 
 class _Counted:
-    """The validity check, counting. Knows nothing of OMPL's objects: a cycle through C++ would never be freed."""
+    """The validity check, counting. It holds no reference to OMPL's objects: a cycle through C++ would never be freed."""
 
     def __init__(self, is_free) -> None:
         self._is_free, self.count = is_free, 0

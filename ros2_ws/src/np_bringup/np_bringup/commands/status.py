@@ -14,7 +14,7 @@ from np_common.cli import Parser
 if TYPE_CHECKING:  # slow to import
     from np_ros.client.graph_client import GraphClient
 
-PATIENCE = 10.0  # s for nodes that publish diagnostics and have not been heard
+PATIENCE = 10.0  # s for nodes that publish diagnostics, of which none have come
 LEVELS = ("OK", "WARN", "ERROR", "STALE")
 
 

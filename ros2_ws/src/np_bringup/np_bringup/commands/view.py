@@ -87,7 +87,7 @@ def _watch(options: argparse.Namespace, meshes: bool | None) -> int:
     from np_ros.client.graph_client import GraphClient
     from np_ros.processes.domain import ros_domain_id
 
-    ros_domain_id()  # raises ValueError with words
+    ros_domain_id()  # raises ValueError where it is not usable
     with closing(GraphClient("view")) as peer:
         domain = domain_with(options.domain, options.object)
         if options.foxglove:

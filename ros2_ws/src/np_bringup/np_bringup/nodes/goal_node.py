@@ -39,7 +39,7 @@ EPISODE_LIMIT = 3600.0  # s; the episode node has limits of its own for every ph
 def goal_pose(domain: Task, x: float, y: float, yaw: float, roll_turns: int = 0, pitch_turns: int = 0) -> Pose:
     """The goal at x, y m with yaw rad, in the region of the domain's goals that holds it.
 
-    Raises ValueError where no region does, or where it would rest on a face that policies have not been asked for.
+    Raises ValueError where no region does, or where it would rest on a face on which no goal of the domain rests.
     """
     region = goal_region(domain, {"x": x, "y": y, "yaw": yaw}, MARGIN)
     if (roll_turns or pitch_turns) and not region.quarter_turns:
@@ -52,7 +52,7 @@ def goal_pose(domain: Task, x: float, y: float, yaw: float, roll_turns: int = 0,
 
 
 class GoalNode(Node):
-    """Publishes the goal with the stamp of the first joint state, which is on the backend's clock, and hears whether it is taken."""
+    """Publishes the goal with the stamp of the first joint state, which is on the backend's clock, and checks whether it is taken."""
 
     def __init__(self):
         super().__init__("goal")
@@ -80,12 +80,12 @@ class GoalNode(Node):
         self.create_subscription(JointState, "joint_states", self._on_state, qos.subscriber(lockstep=False))
         self.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, qos.EVENT)
         self._given: PoseStamped | None = None
-        self._episode = ""  # what the episode node said last
+        self._episode = ""  # what the episode node reported last
         self._is_taken = False
         self._refused = ""  # the goal and why
 
     def give(self, spinner: Spinner) -> int:
-        """Publish the goal, wait until the episode has it, and go on as the parameters say; the exit status."""
+        """Publish the goal, wait until the episode has it, and go on by the parameters; the exit status."""
         log = self.get_logger()
 
         def wait(condition: Callable[[], object], limit: float, what: str) -> None:

@@ -1,4 +1,4 @@
-"""Stands between the graph and a backend that calls its joints otherwise, and in another order: `joint_states` and
+"""Stands between the graph and a backend with other names of its joints, in another order: `joint_states` and
 `applied_command` come with its names and go on with ours, `effort_command` the other way.
 
 The backend's own topics are under `arm/`: start it with `-r joint_states:=arm/joint_states` and so on.

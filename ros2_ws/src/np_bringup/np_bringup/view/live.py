@@ -26,7 +26,7 @@ _SILENT = "no joint_states in this ROS_DOMAIN_ID"
 
 
 class LiveGraph:
-    """Listens with a peer, whose thread calls `spin_once`; the page's threads ask. Nothing is published.
+    """Subscribes with a peer, whose thread calls `spin_once`; the page's threads read. Nothing is published.
 
     meshes: as in `drawn_model`.
     """
@@ -72,7 +72,7 @@ class LiveGraph:
         return Moment(joints, self._pose, self._episode_goal or self._goal)
 
     def image(self, time: float) -> bytes | None:
-        """The JPEG of the newest image, None where there is none, or none that can be read: then `state` tells why."""
+        """The JPEG of the newest image, None where there is none, or none that can be read: then `state` has the reason."""
         message = self._image
         try:
             picture = None if message is None else encode_image(image_array(message))

@@ -68,7 +68,7 @@ class RecordedEpisode:
         return {**self._scene.scene(), "live": False, "has_images": bool(self._images)}
 
     def episode(self) -> dict:
-        """moments: time s, poses, distance m and angle rad to the goal (null where unknown); phases: [time s, words]."""
+        """moments: time s, poses, distance m and angle rad to the goal (null where unknown); phases: [time s, text]."""
         return {"moments": self._moments, "phases": self._phases}
 
     def image(self, time: float) -> bytes | None:

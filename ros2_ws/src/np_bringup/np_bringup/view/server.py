@@ -1,4 +1,4 @@
-"""The page and its data over HTTP, from the standard library; on this machine only unless asked."""
+"""The page and its data over HTTP, from the standard library; on this machine only by default."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ LOOPBACK = ("127.0.0.1", "localhost")
 def serve(source, host: str, port: int) -> ThreadingHTTPServer:
     """A running server: / the page, /scene.json, /episode.json or /state.json of the source, /image.jpg?time=s.
 
-    port 0 takes a free one. At an address that others can reach all of it lies below a path that only `server.address`, the URL,
-    tells. End it with `shutdown`. Raises OSError where the port is taken.
+    port 0 takes a free one. At an address that others can reach all of it lies below a secret path, which only `server.address`, the
+    URL, contains. End it with `shutdown`. Raises OSError where the port is taken.
     """
     page = PAGE.read_bytes()
     secret = "" if host in LOOPBACK else f"/{secrets.token_urlsafe(16)}"
@@ -55,7 +55,7 @@ def serve(source, host: str, port: int) -> ThreadingHTTPServer:
             self.wfile.write(content)
 
         def log_message(self, *arguments):
-            """Silent: twenty requests a second."""
+            """Log nothing: there are twenty requests a second."""
 
     try:
         server = ThreadingHTTPServer((host, port), Handler)

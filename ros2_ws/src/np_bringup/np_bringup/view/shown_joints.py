@@ -35,7 +35,7 @@ class ShownJoints:
         self._newest.append(message)
 
     def read(self) -> tuple[int, np.ndarray]:
-        """(stamp ns of the arm, positions (9,) rad and m in the order of STATE_NAMES); fingers of which nothing is known are closed.
+        """(stamp ns of the arm, positions (9,) rad and m in the order of STATE_NAMES); fingers without a position are closed.
 
         Raises ArmNotNamed, and BadMessage for a message that names a joint of ours and cannot be read.
         """

@@ -62,7 +62,7 @@ class Window:
         return self._viewer.is_running()
 
     def show(self, moment: Moment) -> None:
-        """Draw a moment; an object that nobody knows is put out of sight."""
+        """Draw a moment; an object of unknown pose is put out of sight."""
         body = moment.body or Pose(np.array([0.0, 0.0, -10.0]), np.array([1.0, 0.0, 0.0, 0.0]))
         with self._viewer.lock():
             self._data.qpos[self._joints] = moment.joints

@@ -70,7 +70,7 @@ class ContactModel:
         return asdict(self)
 
 
-RUBBER_STIFFNESS = 4e4  # N/m: a thin pad's; what `HARD.rubber` comes to, and an engine with springs of its own is told
+RUBBER_STIFFNESS = 4e4  # N/m: a thin pad's; what `HARD.rubber` comes to, and an engine with springs of its own uses
 OBJECT_FRICTION = 0.1  # lower than every partner's, so that each partner decides: MuJoCo takes the larger of two
 TORSION, ROLLING = 0.005, 1e-4  # m: MuJoCo's defaults; boxes have several points of contact, which do without
 

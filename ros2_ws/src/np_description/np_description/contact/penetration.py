@@ -1,4 +1,4 @@
-"""Penetration depths, which tell a simulated success from one that a real robot could have.
+"""Penetration depths, which distinguish a simulated success from one that a real robot could have.
 
 Judged by the shapes of the scene at recorded configurations, so that it means the same for every engine and for any bag.
 """
@@ -32,7 +32,7 @@ class Penetration:
     def depths(self, joints: np.ndarray, pose: Pose) -> dict[str, float]:
         """The deepest depth m of each pair that touches, with joints and fingers at (9,) rad, m and the object at its pose.
 
-        Raises ValueError for values that are not finite: nothing can be said of them.
+        Raises ValueError for values that are not finite.
         """
         if not (np.isfinite(joints).all() and np.isfinite(pose.position).all() and np.isfinite(pose.quaternion).all()):
             raise ValueError("penetration: expected finite joints and pose")

@@ -36,7 +36,7 @@ Mesh = tuple[np.ndarray, np.ndarray]
 
 
 class NoMeshes(ValueError):
-    """The meshes are asked for, and not installed."""
+    """The meshes are requested, and not installed."""
 
 
 def has_meshes() -> bool:

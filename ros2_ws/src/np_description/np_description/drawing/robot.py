@@ -1,4 +1,4 @@
-"""The robot for those who draw it: its shapes, and the same as a URDF, both read from the compiled scene.
+"""The robot for drawing: its shapes, and the same as a URDF, both read from the compiled scene.
 
 The scene is the one description that everything else runs with; what is seen is what collides, in our own primitives.
 Links, joints and frames have the manufacturer's names (panda_link0 ... panda_hand, panda_joint1 ..., panda_finger_joint1).
@@ -81,7 +81,7 @@ def robot_bodies(model: mujoco.MjModel) -> list[str]:
 
 
 def urdf(model: mujoco.MjModel | None = None) -> str:
-    """The robot of a compiled scene as URDF; the nominal one's unless given. Contact and joint dynamics are not URDF's to say."""
+    """The robot of a compiled scene as URDF; the nominal one's unless given. URDF has no fields for contact and joint dynamics."""
     model = load_model(CARD) if model is None else model
     robot = Element("robot", name="panda")
     drawn = visual_shapes(model)

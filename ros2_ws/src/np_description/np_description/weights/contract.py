@@ -38,7 +38,7 @@ class Contract:
         return json.dumps(_plain(asdict(self)), sort_keys=True)
 
     def check(self, path: str | Path) -> list[str]:
-        """Hold the contract in a safetensors file against this one, which says what is expected; warnings, if any.
+        """Hold the contract in a safetensors file against this one, which has the expected values; warnings, if any.
 
         Raises WeightsError, naming every field that does not fit, with what was expected and what the file has; or where
         the file is missing or has no contract.
@@ -72,7 +72,7 @@ class Contract:
 
 
 def keypoint_order() -> tuple[str, ...]:
-    """The order of the corners in words: "-x -y -z", "-x -y +z", ..."""
+    """The order of the corners as text: "-x -y -z", "-x -y +z", ..."""
     return tuple(" ".join(f"{'+' if sign > 0 else '-'}{axis}" for sign, axis in zip(row, "xyz")) for row in CORNERS)
 
 

@@ -28,5 +28,5 @@ def origin(weights: str = "") -> dict[str, object]:
         files = sorted([*folder.glob("*.safetensors"), *folder.glob("*.onnx")])
         hashes = {path.name: sha256(path) for path in files}
     except WeightsError:
-        hashes = {}  # the nodes that need them say so
+        hashes = {}  # the nodes that need them report it
     return {"revision": revision, "weights_sha256": hashes}

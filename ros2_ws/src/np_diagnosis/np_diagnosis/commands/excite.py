@@ -20,7 +20,7 @@ from np_ros.processes.graph import NodeSpec
 from np_ros.processes.supervisor import NodeDied, Supervisor
 from np_sim_bridge.simulators import SIMULATORS
 
-RUNNING_TIMEOUT = 20.0  # s for an arm that is said to run to be heard
+RUNNING_TIMEOUT = 20.0  # s for the first state of an arm that should be running
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:

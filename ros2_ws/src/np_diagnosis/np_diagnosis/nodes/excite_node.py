@@ -33,7 +33,7 @@ from np_ros.phases import PhasePublisher
 from np_ros.processes.supervisor import Supervisor
 
 READY_TIMEOUT = 120.0  # s of wall time
-TOLD_EVERY = 4.0  # s between words while it waits
+TOLD_EVERY = 4.0  # s between two lines of progress while it waits
 GAINS_AHEAD = TICK_NS  # ns by which gains go before their trajectory in real time
 WITNESSED_NS = 20_000_000  # ns between states at which a task's experiment is watched
 SILENCE = 20.0  # s of wall time without a state
@@ -45,7 +45,7 @@ PASSING = ("refused_late", "refused_order", "refused_future")
 class Exciter(SupervisedGraphClient):
     """Runs a plan on the graph of a supervisor, which watches the processes that it has started.
 
-    lockstep: whether time waits for our ticks. on_segment(name, number, count) is told each start.
+    lockstep: whether time waits for our ticks. on_segment(name, number, count) is called at each start.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Exciter(SupervisedGraphClient):
         node.create_subscription(DiagnosticArray, "diagnostics", self._receive_diagnostics, qos.RECORDER)
         self._witness: SuiteMonitor | None = None  # of a task: what is seen and felt
         self._state: tuple[int, np.ndarray] | None = None
-        self._states = 0  # heard
+        self._states = 0  # received
         self._heard = time.monotonic()
         self._plan: list[Segment] = []
         self._starts: list[int] = []
@@ -77,9 +77,9 @@ class Exciter(SupervisedGraphClient):
     def wait_until_ready(
         self, names: set[str], arm_timeout: float = READY_TIMEOUT, tell: Callable[[str], None] = lambda _: None
     ) -> None:
-        """Until arm and controller are heard, the named nodes are up and everyone is matched.
+        """Wait until arm and controller are found, the named nodes are up and all are matched.
 
-        arm_timeout: s for each of arm and controller; `tell` is told every few seconds what is still waited for. Raises
+        arm_timeout: s for each of arm and controller; `tell` is called every few seconds with what is still missing. Raises
         NodeDied, TimeoutError, or GraphError for joint states of another arm.
         """
         domain = self._supervisor.domain_id
@@ -104,7 +104,7 @@ class Exciter(SupervisedGraphClient):
             tell,
         )
         # Lockstep repeats its first state until we tick. What went with the one we have may have been sent before the
-        # recorder listened; the one after the next was certainly sent after.
+        # recorder had subscribed; the one after the next was certainly sent after.
         heard = self._states
         self._wait(lambda: self._states >= heard + 2, READY_TIMEOUT, "joint_states, again")
 
@@ -197,7 +197,7 @@ class Exciter(SupervisedGraphClient):
         self._advance()
 
     def _advance(self) -> None:
-        """Say what is due at the newest state."""
+        """Publish what is due at the newest state."""
         stamp, position = self._state
         if self._end is None or stamp >= self._end:
             return

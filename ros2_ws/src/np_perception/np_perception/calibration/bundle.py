@@ -1,4 +1,4 @@
-"""All corners of all views fitted at once: the camera, the board on its carrier and, where asked, lens and
+"""All corners of all views fitted at once: the camera, the board on its carrier and, on request, lens and
 size.
 
 Gauss-Newton on Huber-weighted reprojection errors, beside them the touches of a fingertip. `hand_eye` decides
@@ -21,7 +21,7 @@ _SMALL = 1e-7  # m, rad: a step after which nothing more is gained
 
 
 class DegenerateError(ValueError):
-    """Views that cannot fix the camera; the message says what is missing."""
+    """Views that cannot fix the camera; the message names what is missing."""
 
 
 @dataclass(frozen=True)
@@ -149,8 +149,8 @@ def _touch_rows(fit: BundleFit, touches: Sequence[TouchedPoint]) -> tuple[np.nda
 def refine(fit: BundleFit, views: Sequence[BoardView], touches: Sequence[TouchedPoint], free=POSES) -> BundleFit:
     """Gauss-Newton from `fit`; the corners' robust standard deviation scales them against the touches.
 
-    That deviation is estimated again in each step, which scipy.optimize.least_squares does not do: called twice, with
-    deviations of its own, it takes .48 s for a camera of 14 views, this .22 s, for the same camera to a micrometre.
+    That deviation is estimated again in each step, which scipy.optimize.least_squares does not do. Called twice, with
+    deviations of its own, it takes .48 s for a camera of 14 views. This takes .22 s, for the same camera to a micrometre.
     """
     for _ in range(_ITERATIONS):
         residual, jacobian = linearise(fit, views)

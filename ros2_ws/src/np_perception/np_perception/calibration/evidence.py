@@ -26,7 +26,7 @@ MAX_DISAGREEMENT = 0.5  # of the images of a rest may disagree with each other o
 
 
 class CalibrationRefusal(ValueError):
-    """Recordings from which no camera can be calibrated; the message says what is missing."""
+    """Recordings from which no camera can be calibrated; the message names what is missing."""
 
 
 @dataclass(frozen=True, eq=False)

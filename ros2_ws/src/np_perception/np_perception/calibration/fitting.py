@@ -21,7 +21,7 @@ from np_perception.calibration.hand_eye import CORNER_SIGMA, ReferenceCheck, che
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """A calibration, what its views say of the lens and the board, and by view (px) how well they fit."""
+    """A calibration, the lens and the board as its views measure them, and by view (px) how well they fit."""
 
     calibration: Calibration
     fit: BundleFit

@@ -2,8 +2,8 @@
 fingertip touches.
 
 Unknown are the camera in the base frame and the board on whatever carries it (the hand, or the table). The
-start comes from the closed form of Park and Martin (IEEE T-RA 10(5), 1994) on random triples of views, of
-which the best one is taken, so that a few wrong views do no harm. Then all corners of all views are fitted at
+start comes from the closed form of Park and Martin (IEEE T-RA 10(5), 1994) on random triples of views. The best
+triple is taken, so that a few wrong views do no harm. Then all corners of all views are fitted at
 once: Gauss-Newton on Huber-weighted reprojection errors.
 
 Errors of the arm's kinematics move all corners of a view together, so views, not corners, are the independent
@@ -49,7 +49,7 @@ _HYPOTHESES = 60
 
 @dataclass(frozen=True)
 class ReferenceCheck:
-    """What the same views say of what was taken as known.
+    """What was taken as known, as the same views measure it.
 
     focal: factor on the focal length; centre (2,) px: shift of the principal point, both fitted together;
     scale: factor on the board's size, fitted alone; *_95: half widths of their 95 % intervals.
@@ -63,7 +63,7 @@ class ReferenceCheck:
     scale_95: float
 
     def complaints(self) -> list[str]:
-        """What is not as it was said to be: outside twice its interval, and by enough to matter."""
+        """What differs from what was taken as known: outside twice its interval, and by enough to matter."""
         found = []
         if abs(self.scale - 1) > max(2 * self.scale_95, 0.003):
             found.append(
@@ -128,7 +128,7 @@ def check(fit: BundleFit, views: Sequence[BoardView], touches: Sequence[TouchedP
         spread = np.sqrt(np.diag(_jackknife_covariance(values)))
         results.append((value(full), np.array([norm_bound([[s**2]], len(values) - 1) for s in spread])))
     scale, scale_95 = results[-1]
-    # A board that lies still is one view: it tells nothing of the lens.
+    # A board that lies still is one view: the lens cannot be fitted to it.
     lens, lens_95 = results[0] if not touches else (np.array([1.0, 0.0, 0.0]), np.full(3, np.inf))
     return ReferenceCheck(lens[0], lens_95[0], lens[1:], lens_95[1:], scale[0], scale_95[0])
 

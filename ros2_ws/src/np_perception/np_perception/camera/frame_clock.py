@@ -1,10 +1,10 @@
 """From the camera's clock to the host's, by the frames' times of arrival alone.
 
-A frame arrives when it was taken, by the host's clock, plus a delay that is never less than some least one
-and now and then much more. So the arrivals lie above a line, whose slope is the drift of one clock against
-the other, and the line is the lower edge of their convex hull (Zhang, Liu and Xia, "Clock synchronization
-algorithms for network measurements", INFOCOM 2002): late frames, however many and however late, do not move
-it. The least delay itself cannot be seen: it stays in the stamps (docs/guide/hardware.md).
+A frame arrives after it was taken, by the host's clock, with a delay that has a least value and is now and then
+much more. So the arrivals lie above a line, whose slope is the drift of one clock against the other. The line is
+the lower edge of their convex hull (Zhang, Liu and Xia, "Clock synchronization algorithms for network
+measurements", INFOCOM 2002). Late frames, however many and however late, do not move it. The least delay itself
+cannot be measured: it stays in the stamps (docs/guide/hardware.md).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ WINDOW = 60 * SECOND  # of the camera's clock that the line is fitted to
 BIN = SECOND // 2  # of which the earliest arrival is kept
 SETTLED = 10 * SECOND  # from which on the drift is fitted too: before, any delay would be taken for drift
 MAX_DRIFT = 200e-6  # quartz is better than 100 ppm
-# Between what came and what was expected, by which a clock that was set is told from a delay
+# Between what came and what was expected, from which on a clock was set and a frame is not only late
 JUMP = SECOND // 4
 PATIENCE = 30  # frames in a row that may come later than that
 

@@ -51,7 +51,7 @@ class BagImages:
 class FolderImages:
     """The pictures of a folder, PNG or JPEG, in the order of their names.
 
-    A file camera.yaml beside them says what took them: fx, fy, cx, cy px, distortion (5), rate Hz; without it
+    A file camera.yaml beside them describes the camera: fx, fy, cx, cy px, distortion (5), rate Hz; without it
     they must be images as the policies see them, and 30 a second. A name that is a number is the stamp, in
     ns. Raises CameraError.
     """

@@ -13,7 +13,7 @@ from np_record.bag import Recording
 
 
 def read_lenses(recording: Recording) -> Iterator[tuple[Lens, np.ndarray]]:
-    """What each camera_info says (`camera_info_lens`). Raises BagError.
+    """The lens of each camera_info (`camera_info_lens`). Raises BagError.
 
     A recording of ours that was made with a calibration has turned images, also where their frame does not say so.
     """

@@ -1,9 +1,9 @@
 """From the camera's image to the one that the policies learned with: undistorted, turned, cropped and scaled
 in one step.
 
-A pinhole camera that turns about its centre shows the same rays elsewhere in the image, so a camera that
-looks a few degrees past where it should is put right exactly; one that stands elsewhere is not, and is
-projected with from where it stands (np_description.calibration).
+A pinhole camera that turns about its centre shows the same rays elsewhere in the image. So a camera that looks a
+few degrees past where it should is corrected exactly. One that stands elsewhere is not, and projections use its
+true position (np_description.calibration).
 """
 
 from __future__ import annotations

@@ -11,12 +11,11 @@ from np_description.calibration import Lens
 
 
 class CameraError(OSError):
-    """A camera that is not there, does not do what was asked, or has gone; the message says what to look
-    at."""
+    """A camera that is not there, does not do what was requested, or has gone; the message names what to check."""
 
 
 class EndOfImages(Exception):
-    """A recording has been played to its end; the message says what was played."""
+    """A recording has been played to its end; the message names what was played."""
 
 
 @dataclass(frozen=True, eq=False)

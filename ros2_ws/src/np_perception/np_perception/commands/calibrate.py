@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # what is slow to import comes after the options are read
 
 
 def add_board(parser: argparse.ArgumentParser) -> None:
-    """The options that say which board it is."""
+    """The options that describe the board."""
     default = BoardLayout()
     parser.add_argument("--columns", type=int, default=default.columns, help="squares (default %(default)s)")
     parser.add_argument("--rows", type=int, default=default.rows, help="squares (default %(default)s)")
@@ -102,7 +102,7 @@ def _bar(what: str) -> Callable[[int, int], None]:
 
 
 def _list(values) -> list[float | None]:
-    """Rounded; None for what cannot be told (JSON knows no infinity)."""
+    """Rounded; None for what is undetermined (JSON has no infinity)."""
     return [round(float(value), 4) if np.isfinite(value) else None for value in values]
 
 

@@ -16,7 +16,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="PNG to write, 600 dots an inch")
     add_board(parser)
     options = parser.parse_args(arguments)
-    # Slow to import, and not wanted by --help.
+    # Slow to import, and not needed by --help.
     from PIL import Image
 
     from np_perception.calibration.board import BoardError

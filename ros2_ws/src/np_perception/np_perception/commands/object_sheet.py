@@ -1,4 +1,4 @@
-"""`object_sheet --domain card --out card.pdf`: the object's faces in the colours that the detectors know, to print, cut out and glue on, to scale."""
+"""`object_sheet --domain card --out card.pdf`: the object's faces in the colours that the detectors were trained with, to print, cut out and glue on, to scale."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         domain = domain_with(options.domain, options.object)
-        # Slow to import, and not wanted by --help.
+        # Slow to import, and not needed by --help.
         from PIL import Image
 
         from np_perception.object_sheet import DPI, pages

@@ -1,8 +1,7 @@
 """What camera nodes share: images of a source, rectified to the view of the policies, on camera/image_raw and
 camera_info.
 
-A thread of its own waits for images, rectifies and publishes them; the node's thread tells `diagnostics` of
-it.
+A thread of its own waits for images, rectifies and publishes them; the node's thread publishes `diagnostics`.
 """
 
 from __future__ import annotations
@@ -107,7 +106,7 @@ class CameraNode(Node):
         self._frame = CAMERA_NAME if (self._turned == np.eye(3)).all() else TURNED_CAMERA
 
     def _turn(self, upstream: np.ndarray) -> np.ndarray | None:
-        """From the source's images to ours: what the calibration says of the camera, less what was turned
+        """From the source's images to ours: the calibration's rotation of the camera, less what was turned
         upstream."""
         return None if self._calibration is None else self._calibration.turn @ np.asarray(upstream).T
 

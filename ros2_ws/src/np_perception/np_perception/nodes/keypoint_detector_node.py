@@ -1,7 +1,7 @@
-"""Answers each camera image with the keypoints in it, stamped with the image's time.
+"""Publishes the keypoints in each camera image, stamped with the image's time.
 
-In real time the newest image wins: images that come while one is being looked at are dropped but for the
-last. In lockstep every image is answered.
+In real time the newest image wins: images that come while one is being processed are dropped but for the
+last. In lockstep every image is processed.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ _COLLAPSED = 15  # images in a row without enough sure keypoints: half a second 
 
 
 class KeypointDetectorNode(Node):
-    """`camera/image_raw` to `keypoints`. Refused images are counted in diagnostics and logged, and leave no
-    answer."""
+    """`camera/image_raw` to `keypoints`. Refused images are counted in diagnostics and logged, and give no
+    keypoints."""
 
     def __init__(self):
         super().__init__("keypoint_detector")
@@ -137,7 +137,7 @@ class KeypointDetectorNode(Node):
         silent = time.monotonic() - self._last_image
         if silent < self._timeout:
             return
-        # In lockstep time may rest, and the camera with it: worth saying, nothing to warn of.
+        # In lockstep time may rest, and the camera with it: reported, but no warning.
         level = DiagnosticStatus.WARN if self._realtime else DiagnosticStatus.OK
         self._diagnostics.report(level, f"no image on camera/image_raw for more than {self._timeout:g} s")
 
