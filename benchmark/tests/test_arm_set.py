@@ -1,4 +1,4 @@
-"""The blind test from bags to figures: small, but with the doctor itself."""
+"""The blind test from bags to figures: small, but with the diagnosis itself."""
 
 import json
 import os

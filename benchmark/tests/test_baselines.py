@@ -1,4 +1,4 @@
-"""Baselines inside the blind test: read generously, judged by the same rules, printed beside the doctor."""
+"""Baselines inside the blind test: read generously, judged by the same rules, printed beside the diagnosis."""
 
 import json
 import shlex

@@ -238,7 +238,7 @@ def test_a_matrix_takes_the_released_policies_episodes_from_the_set(tmp_path):
 
 
 def stand_ins(monkeypatch, learn, lost=None):
-    """In place of recordings, doctor and training; a robot with two effects, both of which the doctor finds."""
+    """In place of recordings, diagnosis and training; a robot with two effects, both of which the diagnosis finds."""
     from np_blind.robots.cases import Robot
 
     monkeypatch.setattr(

@@ -33,7 +33,7 @@ def convert_to_torques(logs: Sequence[Log], arm: Arm, effort: str | None = None,
 def prepare_logs(
     logs: Sequence[Log], arm: Arm, effort: str | None = None, reference: Sequence[Log] = ()
 ) -> tuple[list[Log], list[Log], Arm]:
-    """(logs, reference, arm) that agree on which torque was measured.
+    """(logs, reference, arm), all with the same measured torque.
 
     effort: "drive", "sensor" (after the gear), "current", or None to infer it from the recordings. Raises as `convert_to_torques`.
     """

@@ -1,6 +1,6 @@
 """For commands that import it first: NumPy in one thread, MuJoCo without windows.
 
-The doctor's matrices are so small that two threads of OpenBLAS mostly wait for each other: 1 s of CPU more for a
+The matrices of the diagnosis are so small that two threads of OpenBLAS mostly wait for each other: 1 s of CPU more for a
 quick look, no less time on two idle cores, and 28 s in place of 8 where others use them too. With one thread the
 last digits do not depend on the number of cores either. MuJoCo looks for a library of windows in a process of its
 own, a tenth of a second. Where NumPy is imported already, as in tests, nothing happens; a variable that is set

@@ -44,7 +44,7 @@ def main() -> None:
         metavar=("LOW", "HIGH"),
         help="of a teacher that was trained with `--conditions sized`: range of the factor of the object's edges",
     )
-    parser.add_argument("--effects", type=Path, help="patch.yaml: through whose camera the student sees")
+    parser.add_argument("--effects", type=Path, help="patch.yaml: its camera gives the student's keypoints")
     parser.add_argument("--begin", type=Path, metavar="FILE", help="weights of a student that is taught on")
     parser.add_argument(
         "--weights",

@@ -64,7 +64,7 @@ def main() -> None:
     parser.add_argument("--contacts", type=int, default=PhysicsConfig.contacts, help="capacity a world")
     parser.add_argument("--constraints", type=int, default=PhysicsConfig.constraints, help="capacity a world")
     parser.add_argument(
-        "--effects", type=Path, help="patch.yaml of the gap doctor: what the arm has besides the nominal one"
+        "--effects", type=Path, help="patch.yaml of the diagnosis: what the arm has besides the nominal one"
     )
     parser.add_argument(
         "--contact", choices=list(STEPPING), help="see np_description.contact; default: the checkpoint's"

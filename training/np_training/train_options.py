@@ -46,7 +46,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", help=DEVICE_HELP)
     parser.add_argument(
-        "--effects", type=Path, help="patch.yaml of the gap doctor: what the arm has besides the nominal one"
+        "--effects", type=Path, help="patch.yaml of the diagnosis: what the arm has besides the nominal one"
     )
     parser.add_argument("--contact", choices=list(STEPPING), help="see np_description.contact; default: the domain's")
     parser.add_argument("--conditions", choices=list(CONDITIONS)[1:], help="what is randomised at the end")

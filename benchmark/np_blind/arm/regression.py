@@ -1,7 +1,7 @@
-"""`regression FORMER NOW [FORMER NOW ...]`: the same cases of sealed sets by two doctors, figure by figure.
+"""`regression FORMER NOW [FORMER NOW ...]`: the same cases of sealed sets by two versions, figure by figure.
 
 Each is the results.json of `blind`, and every two are of one key. Figures are of the cases that both have. The cases are the
-same, so that chance lies only in those that one doctor has right and the other wrong. The last line printed is one JSON object.
+same, so that chance lies only in those that one version has right and the other wrong. The last line printed is one JSON object.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`blind`: the doctor against arms whose cause is sealed (benchmark/README.md).
+"""`blind`: the diagnosis on arms whose cause is sealed (benchmark/README.md).
 
 Makes the bags, runs `diagnose` on each in a process of its own, then opens the key, checks its hash, and
 scores. The last line printed is one JSON object. It needs no ROS.
@@ -48,7 +48,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--baselines",
         action="store_true",
-        help="beside the doctor: the paper's identification, "
+        help="beside the diagnosis: the paper's identification, "
         "mujoco.sysid and no fix (ten minutes and more of CPU a case)",
     )
     parser.add_argument("--identify", default=others.COMMAND, help="command of the baselines")

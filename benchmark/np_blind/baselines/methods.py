@@ -1,4 +1,4 @@
-"""What others do about a gap, on the same recordings as the doctor: a fixed list of parameters, or nothing.
+"""Other methods for a gap, on the same recordings as the diagnosis: a fixed list of parameters, or nothing.
 
 By name: `paper`, the identification of Kim et al. (IROS 2023), CMA-ES on friction, damping and armature joint
 by joint; `sysid_3`, mujoco.sysid on the same list and windows; `sysid_6`, mujoco.sysid with everything free

@@ -1,6 +1,6 @@
 """The sealed test's camera: rows that are read one after another, an exposure, a lens, stamps that jitter, a hand in the way.
 
-Nothing of it is the doctor's, or of the effects by which the doctor predicts a picture: poses are turned by SciPy, projected by OpenCV, and
+It shares no code with the diagnosis, or with the effects by which the diagnosis predicts a picture: poses are turned by SciPy, projected by OpenCV, and
 gaps of the view are read from a patch by their names. A stamp is of the middle of the exposure of the picture's middle row, as a RealSense's
 sensor timestamp is, and `camera_latency` is what it is late beyond that.
 """

@@ -1,4 +1,4 @@
-"""What a withheld robot's lab records of it: both suites in PhysX in one process, and what the doctor makes of them."""
+"""What a withheld robot's lab records of it: both suites in PhysX in one process, and the diagnosis of them."""
 
 from __future__ import annotations
 

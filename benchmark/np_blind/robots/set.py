@@ -1,4 +1,4 @@
-"""Withheld robots in PhysX: what the doctor finds of each, what the rehearsal predicts, and how much lost success training on brings back.
+"""Withheld robots in PhysX: what the diagnosis finds of each, what the rehearsal predicts, and how much lost success training on brings back.
 
     python -m np_blind.robots.set --seal --robots 12 --seed 31 --jobs 32       finds them, writes robots_12_31.json, puts its hash down
     python -m np_blind.robots.set --robots 12 --seed 31 --jobs 32 --minutes 1  the loop

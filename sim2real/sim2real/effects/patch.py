@@ -1,4 +1,4 @@
-"""The gap as data: `patch.yaml`, which the doctor writes and simulators load.
+"""The gap as data: `patch.yaml`, which the diagnosis writes and simulators load.
 
 A patch is a list of effects (ids of `EFFECTS`), each at a component with its quantities, mostly changes against the nominal
 arm. What a rigid-body simulator has a number for becomes a `PandaModel`; `arm_effects.ArmEffects` gives the rest as a model

@@ -1,1 +1,1 @@
-"""Recordings as the doctor reads them: bags to logs, logs to samples on one grid."""
+"""Recordings as the diagnosis reads them: bags to logs, logs to samples on one grid."""

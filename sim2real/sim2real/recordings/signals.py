@@ -159,11 +159,11 @@ class Samples:
 
 
 def sample_logs(logs: list[Log], commanded: bool = False) -> Samples:
-    """Samples of logs, which must agree on gravity. commanded: of the commanded torque, which has no sensor's
+    """Samples of logs, whose torques must all include gravity or all exclude it. commanded: of the commanded torque, which has no sensor's
     noise, instead of the measured one.
 
     Every channel goes through the same filter, so that none is delayed against another. Raises ValueError
-    for logs that do not agree, or where no stretch is long enough.
+    for logs of both kinds, or where no stretch is long enough.
     """
     if len({log.with_gravity for log in logs}) != 1:
         raise ValueError("expected logs that agree on whether torque includes gravity, got both")

@@ -72,4 +72,4 @@ class Refitting:
     finest: float = 2e-6
     """rad, smallest difference of two simulators on a motion."""
     agree: float = 0.02
-    """Relative difference up to which two simulators agree about the same law."""
+    """Relative difference up to which two simulators count as equal on the same law."""

@@ -137,7 +137,7 @@ class LatencyEstimate:
     corners: int = 4
     """Smallest number of corners of an image: three numbers of eight."""
     least: int = 3
-    """Smallest number of pushes that agree."""
+    """Smallest number of consistent pushes."""
     wrong: float = 1.0
     """px from which a corner of an image counts less."""
     play: float = 0.0005

@@ -248,8 +248,8 @@ def project_corners(half_size, states: torch.Tensor, position: torch.Tensor, qua
     """Pixels (n, 8, 2) of the corners of objects of half_size (3,) or (n, 3) m in states (n, 16), seen by cameras at position (n, 3),
     quaternion (n, 4).
 
-    The quaternion is MuJoCo's (looking along -z, y up). A camera of another pose sees the points as CAMERA
-    sees them after they have been carried along to its pose.
+    The quaternion is MuJoCo's (looking along -z, y up). The image of a camera at another pose is CAMERA's image
+    of the points after they have been moved along to CAMERA.
     """
     corners = box_keypoints(half_size, states[:, 9:12], states[:, 12:16])
     flip = torch.diag(torch.tensor([1.0, -1.0, -1.0], device=states.device))

@@ -1,4 +1,4 @@
-"""States in which the camera sees the object: what the policies' episodes pass through, and a little beyond.
+"""States in which the object is in the camera's view: what the policies' episodes pass through, and a little beyond.
 
 The object lies anywhere in the workspace, now and then tilted or lifted. The hand touches it where the
 pre-contact policy may choose to, slides or hovers beside and over it, is on its way from the ready posture,

@@ -65,7 +65,7 @@ def diagnose_cases(
 ) -> None:
     """Bags and reports of all cases that have none yet. workers(jobs) gives an executor.
 
-    A case that has lost every process it was given to (killed for its memory, say) counts as failed.
+    A case that has lost every process it was given to (killed for its memory, for example) counts as failed.
     """
     with workers(jobs) as pool:
         _answer(cases, only, asking, jobs, pool)

@@ -1,4 +1,4 @@
-"""The patch that a doctor wrote, on the nominal arm of the generator: what following it would give."""
+"""The patch of a diagnosis, applied to the nominal arm of the generator."""
 
 from __future__ import annotations
 

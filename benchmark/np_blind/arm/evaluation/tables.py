@@ -86,7 +86,7 @@ def figures_table(figures: Mapping, scores: Sequence[Score]) -> str:
 
 
 def _beside(figures: Mapping) -> list[str]:
-    """The baselines of the same run beside the doctor."""
+    """The baselines of the same run beside the diagnosis."""
     others = {name: own for name, own in figures.get("baselines", {}).items() if isinstance(own, Mapping)}
     if not others:
         return []

@@ -1,1 +1,1 @@
-"""The arms of the blind test: their own physics, nothing of it shared with the doctor or the simulators."""
+"""The arms of the blind test: their own physics, nothing of it shared with the diagnosis or the simulators."""

@@ -340,7 +340,7 @@ EFFECTS = tuple(_FAULTS)
 
 
 def widen(p: Physics, i: int, fault: Fault, given: Parameters, rng: np.random.Generator) -> Parameters:
-    """Make a fault that was given more like an arm's own and less like a doctor's column; what it now is.
+    """Make a fault that was given more like an arm's own and less like a column of the diagnosis; what it now is.
 
     A payload is anywhere on the hand, a link's inertia changes about axes of its own, limits are of all that a drive gives.
     """
