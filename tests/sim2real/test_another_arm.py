@@ -157,7 +157,7 @@ def test_constants_may_be_given_with_a_recording(tmp_path, capsys):
     assert command.main([*arguments, *constants]) == 0
     assert "payload at arm" in json.loads(capsys.readouterr().out.splitlines()[-1])["effects"]
     notes = json.loads((tmp_path / "report.json").read_text())["notes"]
-    assert not any("had to tell" in note for note in notes)
+    assert not any("were estimated from the recording" in note for note in notes)
     assert command.main([*arguments, *constants[:-1]]) == 1
     assert "expected 6 torque constants" in capsys.readouterr().err
     assert command.main([*arguments, *constants, "--effort", "sensor"]) == 1
@@ -195,7 +195,12 @@ def test_the_command_says_what_could_not_be_told_and_whose_the_patch_is(tmp_path
     assert "arm six_hinges: waist, shoulder" in said.err
     assert json.loads(said.out.splitlines()[-1])["effects"] == ["payload at arm"]
     notes = " ".join(json.loads((tmp_path / "out" / "report.json").read_text())["notes"])
-    for text in ("elbow 10.", "torque scale of a joint cannot be told", "not tried in the closed loop", "another arm"):
+    for text in (
+        "elbow 10.",
+        "torque scale of a joint cannot be distinguished",
+        "not tried in the closed loop",
+        "another arm",
+    ):
         assert text in notes and text in (tmp_path / "out" / "report.html").read_text()
     with pytest.raises(ValueError, match="patch of the panda.*got one of 'six_hinges'"):
         load_patch(tmp_path / "out" / "patch.yaml")

@@ -91,7 +91,7 @@ def sentence_of(*args, **named):
 
 def test_what_is_identified_is_said_with_what_it_removes():
     assert sentence_of("identified", (PAYLOAD, FRICTION)) == (
-        "The arm carries 0.350 kg (95 %: 0.345 to 0.355) that the simulator does not know; "
+        "The arm carries 0.350 kg (95 %: 0.345 to 0.355) that the simulator does not have; "
         "joint 4 has 0.80 Nm (0.79 to 0.81) more dry friction. Adding both removes 97 % of the gap (95 %: 96 to 98)."
     )
 
@@ -107,7 +107,7 @@ def test_many_friction_curves_are_one_clause_with_one_number_a_joint():
     some = tuple(curve(joint, most) for joint, most in ((4, -0.28), (1, 0.262), (5, 0.19)))
     assert sentence_of("identified", (some[0], PAYLOAD, *some[1:])) == (
         "3 joints have other friction curves: they differ by up to 0.28 Nm at joint 4, 0.26 Nm at joint 1 and 0.19 Nm at joint 5; "
-        "the arm carries 0.350 kg (95 %: 0.345 to 0.355) that the simulator does not know. "
+        "the arm carries 0.350 kg (95 %: 0.345 to 0.355) that the simulator does not have. "
         "Adding all 4 removes 97 % of the gap (95 %: 96 to 98)."
     )
     assert sentence_of("identified", some[:2]).count("has another friction curve: forwards") == 2
@@ -130,10 +130,10 @@ def test_without_a_gap_nothing_is_claimed():
 def test_what_is_ambiguous_says_between_what():
     open_ = finding("torque_scale", "panda_joint2", {"scale": (-0.1, -0.11, -0.09)}, ("payload", "link_com"))
     said = sentence_of("ambiguous", (open_, PAYLOAD))
-    assert said.startswith(
-        "Probably the drive of joint 2 gives 10 % (95 %: 9 to 11) less torque than it is asked for; "
+    assert said.startswith("Probably the drive of joint 2 gives 10 % (95 %: 9 to 11) less torque than commanded; ")
+    assert said.endswith(
+        "Torque scale at joint 2 cannot be distinguished from payload or link com by these recordings."
     )
-    assert said.endswith("Torque scale at joint 2 cannot be told from payload or link com by these recordings.")
     unsure = finding("coulomb_friction", "panda_joint4", {"level": (0.8, 0.7, 0.9)}, probability=0.62)
     assert sentence_of("ambiguous", (unsure,)).endswith("has a probability of 0.62 only.")
 

@@ -52,7 +52,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--effort",
         choices=("drive", "sensor", "current"),
-        help="which torque is measured: the drives', or that of sensors after the gear (default: asked of the recording); "
+        help="which torque is measured: the drives', or that of sensors after the gear (default: inferred from the recording); "
         "or the motors' current in A",
     )
     parser.add_argument(

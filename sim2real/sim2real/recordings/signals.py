@@ -166,7 +166,7 @@ def sample_logs(logs: list[Log], commanded: bool = False) -> Samples:
     for logs of both kinds, or where no stretch is long enough.
     """
     if len({log.with_gravity for log in logs}) != 1:
-        raise ValueError("expected logs that agree on whether torque includes gravity, got both")
+        raise ValueError("expected logs whose torques all include or all exclude gravity, got both")
     parts = [part for number, log in enumerate(logs) for part in _sample_log(log, number, commanded)]
     if not parts:
         raise ValueError(

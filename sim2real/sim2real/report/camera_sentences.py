@@ -21,7 +21,7 @@ def sentences(view: CameraDiagnosis) -> list[str]:
         parts += [_capital(_alternatives(one)) for one in view.findings]
         held = view.held_out
         parts.append(
-            f"At places that were not fitted a corner is {held.before:.1f} px from where it is believed to be, and {held.after:.1f} px "
+            f"At places that were not fitted a corner is {held.before:.1f} px from its nominal place, and {held.after:.1f} px "
             "from where this puts it."
         )
     if view.left_out:
@@ -31,7 +31,7 @@ def sentences(view: CameraDiagnosis) -> list[str]:
             f"Not narrowed by this recording: {', '.join(BY_NAME[name].text for name in view.unidentifiable)}."
         )
     if experiments := next_steps(view):
-        parts.append(f"What would tell more: {'; '.join(experiments)}.")
+        parts.append(f"More would be shown by: {'; '.join(experiments)}.")
     return parts
 
 
@@ -94,10 +94,10 @@ def _verdict(view: CameraDiagnosis) -> str:
     if view.verdict == "unexplained":
         return f"No known effect explains where corners are seen{off}: {view.abstention_reason}."
     if view.verdict == "undetermined":
-        return f"The recording does not tell whether corners are where they should be{off}: {view.abstention_reason}."
+        return f"The recording does not show whether corners are where they should be{off}: {view.abstention_reason}."
     if view.verdict == "no_gap":
-        return f"As far as this recording shows, {corners} where they are believed to be{off}."
-    return f"{_capital(corners)} not where they are believed to be{off}."
+        return f"As far as this recording shows, {corners} at their nominal places{off}."
+    return f"{_capital(corners)} not at their nominal places{off}."
 
 
 def _alternatives(one: TaskFinding) -> str:
@@ -110,7 +110,7 @@ def effect_text(effect: str, sizes: Mapping[str, ValueWithInterval]) -> str:
     """An effect in words, as half a sentence; a number that the recording does not narrow is a question mark."""
     unknown = {name for name, value in sizes.items() if not BY_NAME[name].is_informative(value.low, value.high)}
     if unknown == sizes.keys():
-        return f"{EFFECTS[effect].called} is off, by how much this recording does not tell"
+        return f"{EFFECTS[effect].called} is off, by how much this recording does not show"
     values = {name: _Unknown() if name in unknown else value for name, value in sizes.items()}
     return EFFECTS[effect].text.format(**values).replace("  ", " ")
 

@@ -15,16 +15,18 @@ def list_notes(diagnosis: Diagnosis, tried: bool) -> list[str]:
     if constants is not None:
         each = ", ".join(f"{joint} {value:.3g}" for joint, value in zip(arm.joints, constants) if np.isfinite(value))
         found.append(
-            f"Torque is motor current times constants that the recording had to tell, Nm/A: {each}. Sizes rest on them, and "
+            f"Torque is motor current times constants that were estimated from the recording, Nm/A: {each}. Sizes rest on them, and "
             "they on the masses of the model."
         )
         if unknown := [joint for joint, known in zip(arm.joints, context.has_torque) if not known]:
             found.append(
-                f"The motion does not determine the constant of {', '.join(unknown)}: nothing is said of these joints. Record "
+                f"The motion does not determine the constant of {', '.join(unknown)}: these joints are not judged. Record "
                 "them under more load, or give torque_per_ampere (`--torque-per-ampere`)."
             )
         if not context.reference:
-            found.append("A wrong torque scale of a joint cannot be told from an unknown constant: none is looked for.")
+            found.append(
+                "A wrong torque scale of a joint cannot be distinguished from an unknown constant: none is looked for."
+            )
     if context.drive is not None and not context.drive.is_replayed:
         found.append(
             "The gains of the controller were not recorded (target_gains): errors of its law are not looked for."

@@ -88,7 +88,7 @@ def _describe_doubt(finding: Finding) -> str:
     """Why a finding is not sure."""
     name = f"{_effect_name(finding.effect.id)} at {describe_component(EffectTarget.JOINT, finding.component)}"
     if finding.competing_effects:
-        return f"{name} cannot be told from {' or '.join(map(_effect_name, finding.competing_effects))} by these recordings."
+        return f"{name} cannot be distinguished from {' or '.join(map(_effect_name, finding.competing_effects))} by these recordings."
     return f"{name} has a probability of {finding.class_probability:.2f} only."
 
 

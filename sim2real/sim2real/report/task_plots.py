@@ -137,7 +137,7 @@ def _plot_friction_cone(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
     pressed = np.array([r.normal + weight for r in force.readings])
     far = np.array([0.0, 1.1 * pressed.max()])
     mu, low, high = force.measured["table"]
-    axes.plot(far, nominal.table * far, color=GREY, lw=2, label=f"believed {nominal.table:.2f}")
+    axes.plot(far, nominal.table * far, color=GREY, lw=2, label=f"nominal {nominal.table:.2f}")
     axes.fill_between(far, low * far, high * far, color=BLUE, alpha=0.15, lw=0)
     axes.plot(far, mu * far, color=BLUE, lw=1, label=f"measured {mu:.2f}")
     axes.plot(pressed, [r.force for r in force.readings], ".", color=DARK, ms=4)
@@ -177,6 +177,6 @@ def _plot_touches(axes: Axes, diagnosis: TaskDiagnosis) -> bool:
     axes.axvline(0.0, color=GREY, lw=2)
     for one in touches:
         axes.plot(1e3 * one.course[:, 0], one.course[:, 1], color=BLUE, lw=0.8)
-    axes.set_xlabel("mm over the table as believed")
+    axes.set_xlabel("mm over the nominal table")
     axes.set_ylabel("N")
     return True

@@ -50,9 +50,7 @@ def sentence(diagnosis: TaskDiagnosis) -> str:
         parts.append(diagnosis.arm.sentence)
     quiet = [one.module for one in diagnosis.modules if one.verdict == "no_gap"]
     if not parts:
-        parts.append(
-            f"No gap is seen: {', '.join(quiet)} are as they are believed to be." if quiet else "Nothing could be told."
-        )
+        parts.append(f"No gap is seen: {', '.join(quiet)} are nominal." if quiet else "Nothing could be determined.")
     if blind := [one.module for one in diagnosis.modules if one.verdict == NOT_SEEN]:
         parts.append(f"Not seen in this recording: {', '.join(blind)}.")
     return " ".join(parts)
@@ -97,7 +95,7 @@ def module_text(result: ModuleResult, diagnosis: TaskDiagnosis) -> str:
     parts = [finding_text(one) for one in result.findings]
     if result.abstention_reason:
         parts.append(result.abstention_reason)
-    text = "; ".join(parts) or "as it is believed to be"
+    text = "; ".join(parts) or "nominal"
     measured = describe_measured(result.module, diagnosis)
     return " ".join(f"{part[0].upper()}{part[1:]}." for part in (text, measured) if part)
 
@@ -111,15 +109,15 @@ def describe_measured(module: str, diagnosis: TaskDiagnosis) -> str:
         nominal = NominalContact.of(diagnosis.recordings.tasks[0].domain)
         if "table" in measured:
             parts.append(
-                f"friction with the table {ValueWithInterval(*measured['table']):1}, believed {nominal.table:g}"
+                f"friction with the table {ValueWithInterval(*measured['table']):1}, nominal {nominal.table:g}"
             )
         if "finger" in measured:
-            parts.append(f"with the fingertip {ValueWithInterval(*measured['finger']):1}, believed {nominal.finger:g}")
+            parts.append(f"with the fingertip {ValueWithInterval(*measured['finger']):1}, nominal {nominal.finger:g}")
         elif forces.least_finger is not None:
-            parts.append(f"with the fingertip {forces.least_finger:.2f} at least, believed {nominal.finger:g}")
+            parts.append(f"with the fingertip {forces.least_finger:.2f} at least, nominal {nominal.finger:g}")
     elif module == "object" and "mass" in measured:
         mass = ValueWithInterval(*(1e3 * value for value in measured["mass"]))
-        parts.append(f"mass {mass:g}, believed {1e3 * diagnosis.recordings.tasks[0].domain.mass:.0f} g")
+        parts.append(f"mass {mass:g}, nominal {1e3 * diagnosis.recordings.tasks[0].domain.mass:.0f} g")
     elif module == "table" and surfaces and surfaces.comparison:
         parts.append(f"height {surfaces.comparison.bounds['height']:mm}")
     elif module == "timing" and diagnosis.latency and diagnosis.latency.late:

@@ -275,7 +275,7 @@ def _is_observable(module: str, diagnosis: TaskDiagnosis) -> bool:
 
 def _reason(module: str, diagnosis: TaskDiagnosis) -> str:
     if module == "arm":
-        return "the arm is asked by `diagnose`, of a suite of its own; --arm takes its answer"
+        return "`diagnose` judges the arm, by a suite of its own; --arm takes its result"
     return diagnosis.abstention_reasons.get(STAGES[module], "the recording narrows none of its numbers")
 
 

@@ -180,6 +180,6 @@ def _colour_fault() -> WiringFault:
     return WiringFault(
         "colours",
         "camera/image_raw",
-        "Red and blue of the image are exchanged: its bytes are BGR, its encoding says rgb8.",
+        "Red and blue of the image are exchanged: its bytes are BGR, its encoding is rgb8.",
         "Convert the image to RGB before it is published, or publish it as bgr8.",
     )

@@ -27,7 +27,7 @@ EFFECT = Effect(
         *(Quantity(f"turn_{axis}", "rad", -0.2, 0.2) for axis in "xyz"),
     ),
     detection_limit=DetectionLimit("m", 0.002, largest=8.0),
-    sentence_template="the camera is {x:mm}, {y:mm}, {z:mm} from where it is believed to be (x, y, z), and turned by {turn_x:deg}, {turn_y:deg}, "
+    sentence_template="the camera is {x:mm}, {y:mm}, {z:mm} from its nominal position (x, y, z), and turned by {turn_x:deg}, {turn_y:deg}, "
     "{turn_z:deg}",
     camera_pose=_move_camera,
 )

@@ -9,6 +9,6 @@ EFFECT = Effect(
     EffectTarget.CAMERA,
     (Quantity("delay", "s", -0.3, 0.3),),
     detection_limit=DetectionLimit("s", 0.003, largest=40.0),
-    sentence_template="images show the scene {delay:ms earlier/later} than their stamps say",
+    sentence_template="images show the scene {delay:ms earlier/later} than at their stamps",
     image_age=lambda values, stamp: values["delay"],
 )

@@ -59,5 +59,5 @@ EFFECT = Effect(
     DetectionLimit("kg", 0.04),
     modify_rigid_body=_add_payload,
     gravity_error=lambda weight, component, values: weight,
-    sentence_template="the arm carries {mass:kg} that {nominal} does not know",
+    sentence_template="the arm carries {mass:kg} that {nominal} does not have",
 )

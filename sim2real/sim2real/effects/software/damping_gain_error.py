@@ -29,5 +29,5 @@ EFFECT = Effect(
     (RELATIVE,),
     _regressors,
     DetectionLimit("1", (0.02,) * 7, (1, 2, 3, 4, 5, 6, 7)),
-    sentence_template="the controller damps {at} {relative:% more/less} than it was asked to",
+    sentence_template="the controller damps {at} {relative:% more/less} than requested",
 )

@@ -36,5 +36,5 @@ EFFECT = Effect(
     (RELATIVE,),
     _regressors,
     DetectionLimit("1", (0.01,) * 7, (1, 2, 3, 4, 5, 6, 7)),
-    sentence_template="the controller holds {at} {relative:% stiffer/softer} than it was asked to",
+    sentence_template="the controller holds {at} {relative:% stiffer/softer} than requested",
 )

@@ -72,5 +72,5 @@ EFFECT = Effect(
     _regressors,
     DetectionLimit("s", 5e-4),
     sensors=SensorHook(SensorSlot.AGE, _delay_states),
-    sentence_template="measured states are {delay:ms older/younger} than their stamps say",
+    sentence_template="measured states are {delay:ms older/younger} than their stamps",
 )

@@ -37,5 +37,5 @@ EFFECT = Effect(
     _regressors,
     DetectionLimit("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
     drive=DriveHook(DriveSlot.OFFSET, _add_offset),
-    sentence_template="the drive of {at} gives {offset:Nm more/less} than it is asked for",
+    sentence_template="the drive of {at} gives {offset:Nm more/less} than commanded",
 )

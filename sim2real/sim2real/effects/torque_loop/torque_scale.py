@@ -41,5 +41,5 @@ EFFECT = Effect(
     _regressors,
     DetectionLimit("1", (0.02, 0.01, 0.01, 0.01, 0.02, 0.02, 0.03), (1, 2, 3, 4, 5, 6, 7), largest=8),
     drive=DriveHook(DriveSlot.GAIN, _scale_torque),
-    sentence_template="the drive of {at} gives {scale:% more/less} torque than it is asked for",
+    sentence_template="the drive of {at} gives {scale:% more/less} torque than commanded",
 )

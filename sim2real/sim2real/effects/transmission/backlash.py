@@ -75,7 +75,7 @@ def _regressors(context: Context) -> list[EffectRegressor]:
             "backlash",
             (Parameter("half_play", "rad", HALF_PLAY.lower, HALF_PLAY.upper, 1e-3, background=PLAY_KNOWN),),
             {Stage.TRANSMISSION: lambda c, j, share=share: stack(_twist_side(c, j, share))},
-            "play operator: the twist says at which side the gear is",
+            "play operator: the twist shows at which side the gear is",
             f"floating, side sure at {100 * share:.0f} % of the twist's reach",
             only_joint=joint,
             model=FLOATING_MODEL,

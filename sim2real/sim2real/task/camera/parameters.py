@@ -94,7 +94,7 @@ EFFECTS: dict[str, CameraEffect] = {
         ("camera_extrinsics",),
         ("camera",),
         "where the camera stands",
-        "the camera is {camera_x:mm}, {camera_y:mm}, {camera_z:mm} from where it is believed to be (x, y, z)",
+        "the camera is {camera_x:mm}, {camera_y:mm}, {camera_z:mm} from its nominal position (x, y, z)",
         ("x", "y", "z"),
     ),
     "camera_turn": CameraEffect(
@@ -140,7 +140,7 @@ TOUCH = "touch the table at four points and the top of the object: the hand feel
 CALIPER = "measure the object with a caliper"
 HEIGHTS = "the object at two heights: on the table and on a box"
 BORDER = "the object at the border of the picture as well as in the middle"
-BOARD = "a calibration with a board: it sees the camera, and nothing of what finds corners"
+BOARD = "a calibration with a board: it depends on the camera, and not on what finds corners"
 SPLIT_BY: tuple[tuple[frozenset[str], str], ...] = tuple(
     (frozenset({one, other}), text)
     for text, pairs in {
