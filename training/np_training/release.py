@@ -23,9 +23,9 @@ def main() -> None:
     parser.add_argument("run", type=Path)
     parser.add_argument("--student", type=Path, required=True)
     parser.add_argument("--object", help=f"{OBJECT_HELP}; default: the checkpoint's")
-    parser.add_argument("--command", help="how it was trained; default: what config.json says")
+    parser.add_argument("--command", help="how it was trained; default: as in config.json")
     parser.add_argument("--note", default="", help="what a user has to know of its behaviour, for the cards")
-    parser.add_argument("--machine", help="default: what config.json says")
+    parser.add_argument("--machine", help="default: as in config.json")
     parser.add_argument(
         "--weights", type=Path, default=WEIGHTS, help="for another object than the domain's own: not this"
     )

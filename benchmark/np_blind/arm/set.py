@@ -52,7 +52,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         "mujoco.sysid and no fix (ten minutes and more of CPU a case)",
     )
     parser.add_argument("--identify", default=others.COMMAND, help="command of the baselines")
-    parser.add_argument("--timeout", type=float, default=900.0, help="s of wall time for one answer")
+    parser.add_argument("--timeout", type=float, default=900.0, help="s of wall time for one case")
     options = parser.parse_args(arguments)
     if options.cases < 1 or options.jobs < 1:
         parser.error("--cases, --jobs: expected at least 1")

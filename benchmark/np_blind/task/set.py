@@ -69,7 +69,7 @@ def main(arguments: list[str] | None = None) -> int:
         with workers(options.jobs, options.cluster) as pool:
             rows = evaluate_cases(cases, options.seed, options.out, pool)
     except KeyboardInterrupt:
-        print("interrupted; answers are kept, the same command goes on with the next", file=sys.stderr)
+        print("interrupted; results are kept, the same command goes on with the next", file=sys.stderr)
         return INTERRUPTED
     except (SealError, OSError) as error:
         print(f"chain.set: {error}", file=sys.stderr)

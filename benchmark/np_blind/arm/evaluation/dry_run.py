@@ -28,4 +28,4 @@ def check_diagnosis_runs(which: str, seed: int, asking: DiagnosisJob, workers: W
     error = (report_path(folder, case.number) / "error.txt").read_text()
     shutil.rmtree(folder)
     if error:
-        raise SealError(f"expected an answer to a development case before the sealed set is begun; {error}")
+        raise SealError(f"expected a report on a development case before the sealed set is begun; {error}")
