@@ -74,7 +74,7 @@ def test_tables_that_agree_are_taken():
 @pytest.mark.parametrize(
     "spoil, text",
     [
-        (stale, "episode 1: expected rows from 4 on, meta/episodes says 0 to 3"),
+        (stale, "episode 1: expected rows from 4 on, meta/episodes has 0 to 3"),
         (overlapping, "episode 0: rows 0 to 5 of meta/episodes carry episode_index 0, 1"),
         (other_rows, "episode 1: .* carry episode_index 0, 1"),
         (short, "expected 2 episodes, got 1"),

@@ -83,7 +83,7 @@ def test_stale_bounds_of_episodes_are_refused(unpack):
     pytest.importorskip("pyarrow", reason="make lerobot")
     from np_record.lerobot.reading import DataSetError, read_data_set
 
-    with pytest.raises(DataSetError, match="episode 1: expected rows from 20 on, meta/episodes says 0 to 30"):
+    with pytest.raises(DataSetError, match="episode 1: expected rows from 20 on, meta/episodes has 0 to 30"):
         read_data_set(unpack("26_lerobot_stale_episode_bounds") / "set")
 
 

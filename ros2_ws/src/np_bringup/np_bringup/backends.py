@@ -68,7 +68,7 @@ def check(given: Mapping[str, str]) -> None:
         return
     for name, needed, why in (
         ("mode", "realtime", "a real robot waits for nobody"),
-        ("keypoints", "camera", "nobody knows the true pose of a real object"),
+        ("keypoints", "camera", "the true pose of a real object is unknown"),
     ):
         if given[name] != needed:
             raise ValueError(f"{name}: expected {needed} with backend franka_driver ({why}), got {given[name]!r}")

@@ -117,7 +117,7 @@ def _check_possible(q: np.ndarray, dq: np.ndarray) -> None:
 
 
 class Controller:
-    """One arm's controller: `observe` every state, give trajectories and targets, take the `answer`."""
+    """One arm's controller: `observe` every state, give trajectories and targets, take the command (`answer`)."""
 
     def __init__(
         self,
@@ -228,7 +228,7 @@ class Controller:
             )
         age = self._states[-1].stamp - stamp
         if age > self.config.largest_target_age_ns:
-            raise Refusal(Reason.LATE, f"target of {stamp} ns answers a state {age / 1e6:.0f} ms ago")
+            raise Refusal(Reason.LATE, f"target of {stamp} ns is for a state {age / 1e6:.0f} ms ago")
         if age < -self.config.largest_gap_ns:
             raise Refusal(Reason.FUTURE, f"target of {stamp} ns is {-age / 1e6:.0f} ms ahead of the newest state")
         measured = next((state for state in reversed(self._states) if state.stamp <= stamp), self._states[0])

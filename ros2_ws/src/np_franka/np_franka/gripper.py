@@ -46,7 +46,7 @@ class Gripper:
         self.poll()
         if not answered or self.error:
             self.close()
-            error = self.error or f"no answer within {START_TIMEOUT:g} s"
+            error = self.error or f"no reply within {START_TIMEOUT:g} s"
             raise GripperError(f"hand of {hostname}: {error}")
 
     def _start(self) -> None:

@@ -127,7 +127,7 @@ class RealSense:
             return
         self._sensor.set_option(option, value)
         if (got := self._sensor.get_option(option)) != value:
-            raise CameraError(f"camera: option {option}: set to {value:g}, it says {got:g}")
+            raise CameraError(f"camera: option {option}: set to {value:g}, it reads {got:g}")
 
     def read(self, timeout: float) -> CameraFrame | None:
         """See Source."""

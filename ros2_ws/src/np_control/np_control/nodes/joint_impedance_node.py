@@ -44,7 +44,7 @@ class JointImpedance(Node):
             self,
             "mode",
             "lockstep",
-            "Whether time waits for the answers, or nobody does.",
+            "lockstep: time waits for the replies; realtime: nothing waits.",
             choices=("lockstep", "realtime"),
         )
         barrier = parameter(
@@ -52,7 +52,7 @@ class JointImpedance(Node):
         )
         policy_rate = parameter(self, "policy_rate", 10, "Policy ticks a second; a divisor of 500.", 1, 500)
         latency = parameter(
-            self, "policy_latency", 0.02, "s from the state that a target answers until it takes effect.", 0.0, 1.0
+            self, "policy_latency", 0.02, "s from the state that a target is for until it takes effect.", 0.0, 1.0
         )
         ratio = parameter(
             self,
@@ -62,7 +62,7 @@ class JointImpedance(Node):
             DAMPING_RATIO_MIN,
             DAMPING_RATIO_MAX,
         )
-        priority = parameter(self, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90)
+        priority = parameter(self, "realtime_priority", 0, "SCHED_FIFO priority; 0: none.", 0, 90)
         lockstep = mode == "lockstep"
         if SECOND % (policy_rate * LIMITS.period_ns):
             raise ValueError(

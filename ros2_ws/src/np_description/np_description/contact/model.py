@@ -1,7 +1,7 @@
 """Contact: which shapes, how rough, how hard, by which friction law. One definition for every engine, for training and for the bench.
 
 Three definitions stand side by side. `SOFT` is MuJoCo's default: a fingertip sinks millimetres into wood. `HARD` is as hard as a
-simulator steps at the same rate. A domain says in which of them its released weights were trained (`Task.contact`). `STEADY` is HARD for what
+simulator steps at the same rate. `Task.contact` is the one in which a domain's released weights were trained. `STEADY` is HARD for what
 is to be compared with a recording.
 """
 

@@ -1,7 +1,7 @@
 """The 21 objects of the paper's Table III (Kim et al., IROS 2023): seven in each domain.
 
 Masses, surfaces and which are not rigid are the paper's. It prints no sizes: every row has the size of its domain's own object. How
-soft, and what slides how far, are this project's estimates: an object at hand is measured as the guide says.
+soft, and what slides how far, are this project's estimates: the guide describes how to measure an object at hand.
 """
 
 from __future__ import annotations

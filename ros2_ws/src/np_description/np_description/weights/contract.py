@@ -1,7 +1,7 @@
 """The contract of weights: the setting that they were trained for, kept in their file and checked before use.
 
-A contract is a frozen dataclass of plain values that are read off the definitions in code. Its text in a file says what
-those definitions were when the weights were trained; `check` compares it with what they are now.
+A contract is a frozen dataclass of plain values that are read off the definitions in code. Its text in a file holds
+those definitions as they were when the weights were trained; `check` compares it with what they are now.
 """
 
 from __future__ import annotations

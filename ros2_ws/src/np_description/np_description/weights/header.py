@@ -44,7 +44,7 @@ def with_metadata(content: bytes, metadata: dict[str, str]) -> bytes:
 
 
 def tensors_sha256(path: str | Path) -> str:
-    """Hex digest of a file's tensors: names, shapes, types and bytes, whatever its metadata say. Raises WeightsError."""
+    """Hex digest of a file's tensors: names, shapes, types and bytes, without its metadata. Raises WeightsError."""
     table, data = _split(Path(path).read_bytes())
     return hashlib.sha256(json.dumps(table, sort_keys=True).encode() + data).hexdigest()
 

@@ -172,7 +172,7 @@ def excite(options: argparse.Namespace) -> dict:
     motion = sum(durations)
     if not is_task and motion < (enough := THRESHOLDS.blocks.shortest):
         _say(
-            f"{motion:.1f} s of motion; `diagnose` wants {enough:g} s: name further experiments, or one such as sweep_7"
+            f"{motion:.1f} s of motion; `diagnose` requires {enough:g} s: name further experiments, or one such as sweep_7"
         )
     with Supervisor(new_folder(options.logs), domain_id=ros_domain) as supervisor:
         supervisor.start(nodes)

@@ -94,7 +94,7 @@ class Exciter(SupervisedGraphClient):
             self._wait_aloud(
                 lambda: publisher.get_subscription_count() > 0,
                 arm_timeout,
-                f"a controller that listens to {publisher.topic_name} in ROS domain {domain}",
+                f"a controller that subscribes to {publisher.topic_name} in ROS domain {domain}",
                 tell,
             )
         self._wait_aloud(

@@ -70,8 +70,8 @@ def train_and_distill(
     """Train on and distil into out/weights; the results that both print last. The folder of the old weights is not changed.
 
     out/weights_old_student has the new policy with the old student, whose contacts are those that the planner expects where the camera is off.
-    Done once out/learned.json is there. is_over: called every second; True ends it at once. Raises OSError, with the last line of the log,
-    where training ends with an error or there is no checkpoint to go on from, and TrainingInterrupted.
+    Done once out/learned.json is there. is_over: called every second; True ends it at once. Raises TrainingInterrupted, and OSError where
+    training ends with an error (with the last line of the log) or there is no checkpoint to go on from.
     """
     if (known := read_training_result(out)) is not None:
         return known

@@ -78,7 +78,7 @@ def _settings(node: Node) -> DriverSettings:
             choices=("enforce", "ignore"),
         ),
         parameter(node, "gripper", True, "Whether the robot has a Franka Hand."),
-        parameter(node, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90),
+        parameter(node, "realtime_priority", 0, "SCHED_FIFO priority; 0: none.", 0, 90),
     )
 
 
@@ -119,7 +119,7 @@ def _onboard(node: Node, stiffness: np.ndarray, ratio: float, limits: SafetyLimi
         node,
         "policy_latency",
         0.02,
-        "On board: s from the state that a target answers until it takes effect.",
+        "On board: s from the state that a target is for until it takes effect.",
         0.0,
         1.0,
     )

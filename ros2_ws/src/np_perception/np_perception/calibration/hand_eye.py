@@ -70,11 +70,11 @@ class ReferenceCheck:
                 f"the board looks {self.scale:.4f} +- {self.scale_95:.4f} times its size: is it printed to scale?"
             )
         if abs(self.focal - 1) > max(2 * self.focal_95, 0.01):
-            found.append(f"the focal length looks {self.focal:.4f} +- {self.focal_95:.4f} times what camera_info says")
+            found.append(f"the focal length looks {self.focal:.4f} +- {self.focal_95:.4f} times that of camera_info")
         if (np.abs(self.centre) > np.maximum(2 * self.centre_95, 4.0)).any():
             found.append(
                 f"the principal point looks shifted by {np.round(self.centre, 1).tolist()} +- "
-                f"{np.round(self.centre_95, 1).tolist()} px from what camera_info says"
+                f"{np.round(self.centre_95, 1).tolist()} px from that of camera_info"
             )
         return found
 
@@ -145,7 +145,7 @@ def _require_views(views: list[BoardView], _touches: list[TouchedPoint]) -> None
         raise DegenerateError(
             f"expected orientations of the hand that differ by {np.degrees(MIN_TURN):.0f} degrees (standard"
             f" deviation) about two axes, got {', '.join(f'{s:.1f}' for s in np.degrees(spread))} degrees:"
-            " the camera's position cannot be told"
+            " the camera's position is not determined"
         )
 
 

@@ -68,7 +68,7 @@ class FolderImages:
         elif (width, height) != (CAMERA.width, CAMERA.height):
             raise CameraError(
                 f"folder {folder}: expected {CAMERA.width} x {CAMERA.height} pictures, or {LENS_FILE} that"
-                f" says what took them, got {width} x {height}"
+                f" describes the camera, got {width} x {height}"
             )
         numbers = [file.stem.isdecimal() for file in self._files]
         if all(numbers):

@@ -15,7 +15,7 @@ from np_record.bag import Recording
 def read_lenses(recording: Recording) -> Iterator[tuple[Lens, np.ndarray]]:
     """The lens of each camera_info (`camera_info_lens`). Raises BagError.
 
-    A recording of ours that was made with a calibration has turned images, also where their frame does not say so.
+    A recording of ours that was made with a calibration has turned images, also where their frame does not show it.
     """
     is_turned = bool(recording.counts.get("camera/camera_info")) and bool(
         recording.information_or_none.get("calibration")

@@ -35,7 +35,7 @@ class KeypointDetectorNode(Node):
             self,
             "mode",
             "lockstep",
-            "Whether every image is answered, or the newest.",
+            "lockstep: every image is processed; realtime: the newest.",
             choices=("lockstep", "realtime"),
         )
         domain = parameter(self, "domain", "card", "Domain whose object is looked for: card, bump or wall.")

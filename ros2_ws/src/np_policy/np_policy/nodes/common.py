@@ -59,7 +59,11 @@ def declare_settings(node: Node) -> PolicySettings:
     for an object that is none of the domain's."""
     domain = declare_domain(node)
     mode = parameter(
-        node, "mode", "lockstep", "Who waits: time for the answers, or nobody.", choices=("lockstep", "realtime")
+        node,
+        "mode",
+        "lockstep",
+        "lockstep: time waits for the replies; realtime: nothing waits.",
+        choices=("lockstep", "realtime"),
     )
     rate = parameter(node, "policy_rate", action.RATE, "Policy ticks a second; a divisor of 500.", 1, 500)
     score = parameter(node, "min_score", 0.3, "Score from which a keypoint is used.", 0.0, 1.0)

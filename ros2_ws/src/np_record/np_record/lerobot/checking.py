@@ -28,7 +28,7 @@ def check_tables(
     for number, episode in enumerate(episodes):
         if episode.begin != after or episode.end <= episode.begin:
             raise DataSetError(
-                f"episode {number}: expected rows from {after} on, meta/episodes says {episode.begin} to {episode.end}"
+                f"episode {number}: expected rows from {after} on, meta/episodes has {episode.begin} to {episode.end}"
             )
         after = episode.end
         _check_episode(number, episode, {name: column[episode.rows] for name, column in flat.items()}, tasks, rate)
@@ -59,11 +59,11 @@ def _check_episode(
     other = {tasks[int(index)] for index in np.unique(rows["task_index"])}.difference(episode.tasks)
     if other:
         raise DataSetError(
-            f"episode {number}: its rows are of the task {sorted(other)[0]!r}, meta/episodes says {episode.tasks}"
+            f"episode {number}: its rows are of the task {sorted(other)[0]!r}, meta/episodes has {episode.tasks}"
         )
     for name, clip in episode.clips.items():
         if not abs(clip.end - clip.begin - length / rate) < 1 / rate:
             raise DataSetError(
-                f"episode {number}: {name}: expected {length / rate:g} s of video for {length} rows, meta/episodes says "
+                f"episode {number}: {name}: expected {length / rate:g} s of video for {length} rows, meta/episodes has "
                 f"{clip.begin:g} to {clip.end:g} s"
             )

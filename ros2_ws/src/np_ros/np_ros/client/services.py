@@ -43,22 +43,21 @@ class Services:
         self.find(kind, name, timeout)
         client, harmless = self._clients[name]
         if harmless.service_is_ready():  # found before the other, if it is there: a node makes it first
-            self._be_found(harmless, timeout, f"a sign that {name} has found who asks")
+            self._be_found(harmless, timeout, f"a sign that {name} has found this client")
         future = client.call_async(request)
-        self._wait(future.done, timeout, f"an answer of {name}")
+        self._wait(future.done, timeout, f"a response of {name}")
         return future.result()
 
     def be_found(self, node: str, timeout: float) -> None:
-        """Wait until `node`, which has parameter services, has found whatever this one has made so far; raises what `wait` raises after
-        `timeout` s.
+        """Wait until `node`, which has parameter services, has found whatever this one has made so far.
 
-        A publisher sees when it has found a subscriber, not when that one has found it: until then what it sends waits, and comes after
-        what is sent on other topics meanwhile.
+        Raises what `wait` raises after `timeout` s. A publisher sees when it has found a subscriber, not when that one has found it.
+        Until then its messages wait, and come after those that are sent on other topics meanwhile.
         """
         harmless = self._node.create_client(GetParameterTypes, f"{node}/get_parameter_types")
         try:
             self._wait(harmless.service_is_ready, timeout, f"the parameter services of {node}")
-            self._be_found(harmless, timeout, f"a sign that {node} has found who asks")
+            self._be_found(harmless, timeout, f"a sign that {node} has found this client")
         finally:
             self._node.destroy_client(harmless)
 

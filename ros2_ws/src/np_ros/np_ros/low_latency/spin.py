@@ -30,7 +30,7 @@ _LOCK_ALL = 1 | 2  # MCL_CURRENT and MCL_FUTURE of mlockall(2)
 class Spinner:
     """Runs the callbacks of one node in the calling thread.
 
-    `is_fast` says whether the kept wait set is in use. Callbacks must be plain functions (no coroutines).
+    `is_fast`: whether the kept wait set is in use. Callbacks must be plain functions (no coroutines).
     """
 
     def __init__(self, node: Node, allow_fast: bool = True):

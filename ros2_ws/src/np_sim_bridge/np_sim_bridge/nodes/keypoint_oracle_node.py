@@ -39,7 +39,7 @@ class KeypointOracle(Node):
             self,
             "mode",
             "lockstep",
-            "Who waits: time for the answers, or nobody.",
+            "lockstep: time waits for the replies; realtime: nothing waits.",
             choices=("lockstep", "realtime"),
         )
         self._noise = parameter(self, "noise", 0.0, "Standard deviation of the keypoints, px.", 0.0, 50.0)

@@ -72,7 +72,11 @@ def declare(node: Node) -> BridgeSettings:
         parameter(node, "scenario", 0, "Fixed task of every episode; 0: tasks are drawn.", 0, scenarios.COUNT),
         parameter(node, "substeps", 1, "Physics steps in a control period of 2 ms.", 1, 20),
         parameter(
-            node, "mode", "lockstep", "Who waits: time for the answers, or nobody.", choices=("lockstep", "realtime")
+            node,
+            "mode",
+            "lockstep",
+            "lockstep: time waits for the replies; realtime: nothing waits.",
+            choices=("lockstep", "realtime"),
         ),
         parameter(node, "policy_rate", 10, "Policy ticks a second; a divisor of 500.", 1, 500),
         parameter(node, "image_rate", 30, "Images a second; policy ticks have one in any case.", 1, 500),
@@ -102,7 +106,7 @@ def declare(node: Node) -> BridgeSettings:
             1.0,
             3600.0,
         ),
-        parameter(node, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90),
+        parameter(node, "realtime_priority", 0, "SCHED_FIFO priority; 0: none.", 0, 90),
         parameter(node, "effects", "", "Patch file of effects that the nominal arm and its camera lack."),
         parameter(
             node,
