@@ -30,7 +30,7 @@ class CallbackLoopAdapter:
         except Empty:
             raise TimeoutError(f"no state within {TIMEOUT:g} s") from None
         if state is None:
-            self._states.put(None)  # for whoever reads again
+            self._states.put(None)  # for the next call of read
             self._raise()
             raise RuntimeError("the control loop has ended by itself")
         return state

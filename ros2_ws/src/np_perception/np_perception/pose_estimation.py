@@ -66,7 +66,7 @@ def has_enough_keypoints(keypoints, min_score: float) -> bool:
 
 
 def check_resting(keypoints, domain: Task, *, min_score: float = 0.3, camera: Camera = CAMERA) -> None:
-    """Raises PoseError where an object that nobody touches rests on none of its faces by its keypoints (8, 3): where only a pose tilted by
+    """Raises PoseError where an untouched object rests on none of its faces by its keypoints (8, 3): where only a pose tilted by
     TILTED explains them within LIES. Then it is another object, or has other colours. What no pose explains is left to `estimate_pose`."""
     try:
         found = estimate_pose(keypoints, domain, min_score=min_score, camera=camera, lies=LIES)

@@ -1,8 +1,8 @@
 """The approach: from where the arm is to the pre-contact pose.
 
-The pre-contact pose touches the object, so no collision-free path ends there. The motion has up to three parts: straight
-away from whatever the hand touches at the start, a collision-free path to a stand-off in front of the object, and slowly
-straight to the pose. Only on the straight parts, and only hand and fingers, may be in contact.
+The pre-contact pose touches the object, so no collision-free path ends there. The motion has up to three parts. It goes
+straight away from whatever the hand touches at the start, then by a collision-free path to a stand-off in front of the
+object, and then slowly straight to the pose. Only on the straight parts, and only hand and fingers, may be in contact.
 """
 
 from __future__ import annotations

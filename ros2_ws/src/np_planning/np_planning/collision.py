@@ -1,7 +1,7 @@
 """Collision checks of the arm in a domain's scene, by MuJoCo's own geometry.
 
-The model is np_description's scene with two changes: the robot's links also meet each other, and contacts are reported
-from `clearance` m before they touch, so that "no contact" means "at least that far away".
+The model is np_description's scene with two changes. The robot's links also collide with each other, and contacts are
+reported from `clearance` m before they touch. So "no contact" means "at least that far away".
 """
 
 from __future__ import annotations

@@ -147,10 +147,10 @@ class Episode:
         return self._fail("stopped on request")
 
     def goal(self, stamp: int, pose: Pose, sent: int = 0) -> list[Event]:
-        """A new task: the object's goal from stamp ns on; sent: when it was published, ns of a clock that nobody sets.
+        """A new task: the object's goal from stamp ns on; sent: when it was published, ns of a steady clock.
 
-        Raises ValueError for a goal behind the camera, Refused for one that was in force before the present one: what is
-        latched comes when its publisher is found, which may be after somebody gave a newer goal.
+        Raises ValueError for a goal behind the camera, InputRefusal for one that was in force before the present one: what is
+        latched comes when its publisher is found, which may be after a newer goal came.
         """
         goal = Goal(stamp, project_keypoints(self.config.domain, pose, self.config.camera))
         before = self._goal
@@ -183,7 +183,7 @@ class Episode:
     def trajectory(self, stamp: int, duration: float, end: np.ndarray | None = None) -> list[Event]:
         """The plan for the keypoints of stamp ns: its duration s and, where it is known, last joints (7,) rad.
 
-        Raises InputRefusal for a plan that nobody waits for.
+        Raises InputRefusal for a plan that is not awaited.
         """
         if self.phase == APPROACH and stamp == self._planned_from:
             return []  # published twice
@@ -194,7 +194,7 @@ class Episode:
         return [PhaseState(APPROACH), *([self._tick(stamp)] if self.config.lockstep else [])]
 
     def refusal(self, stamp: int, reason: str = "") -> list[Event]:
-        """There is no plan for the keypoints of stamp ns, and why. Raises InputRefusal where nobody waits for one."""
+        """There is no plan for the keypoints of stamp ns, and why. Raises InputRefusal where none is awaited."""
         self._take_plan(stamp)
         return self._fail(reason or "no plan")
 

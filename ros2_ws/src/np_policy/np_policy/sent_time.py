@@ -1,4 +1,4 @@
-"""When a message was sent, by a clock that nobody sets."""
+"""When a message was sent, by a steady clock."""
 
 from __future__ import annotations
 

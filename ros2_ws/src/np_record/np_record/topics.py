@@ -1,4 +1,4 @@
-"""The topics of docs/reference/graph.md as data, for whoever records, replays or checks the whole graph."""
+"""The topics of docs/reference/graph.md as data, to record, replay or check the whole graph."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ class ArmNotNamed(BadMessage):
 class ShownJoints:
     """Arm and fingers in the newest JointStates, which may name other joints too, in any order, or arm and gripper in turn.
 
-    What is added is decoded when somebody reads: of 500 messages a second viewers show twenty.
+    What is added is decoded when it is read: of 500 messages a second viewers show twenty.
     """
 
     def __init__(self, decode: Callable[[Any], Any]):

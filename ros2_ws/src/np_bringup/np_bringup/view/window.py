@@ -58,7 +58,7 @@ class Window:
 
     @property
     def is_open(self) -> bool:
-        """Until somebody closes it."""
+        """Wait until the user closes it."""
         return self._viewer.is_running()
 
     def show(self, moment: Moment) -> None:

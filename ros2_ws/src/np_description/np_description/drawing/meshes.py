@@ -20,7 +20,7 @@ from np_description.domains import Task
 from np_description.scene import build_scene
 
 CANVAS, ALL = 0.06, 1.0  # shares of the triangles of the files
-HIDDEN = 3  # geom group that nobody draws
+HIDDEN = 3  # geom group that is not drawn
 _PACKAGE = "gymnasium_robotics"
 _FOLDER = "envs/assets/kitchen_franka/franka_assets/meshes/visual"
 _FILES = MappingProxyType(

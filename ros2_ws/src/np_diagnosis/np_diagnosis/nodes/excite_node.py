@@ -37,7 +37,7 @@ TOLD_EVERY = 4.0  # s between two lines of progress while it waits
 GAINS_AHEAD = TICK_NS  # ns by which gains go before their trajectory in real time
 WITNESSED_NS = 20_000_000  # ns between states at which a task's experiment is watched
 SILENCE = 20.0  # s of wall time without a state
-FAREWELL = 1.0  # s at most, until everyone has the last phase
+FAREWELL = 1.0  # s at most, until every subscriber has the last phase
 # A busy host makes single commands late: the backend's watchdog judges that, and the recording shows it.
 PASSING = ("refused_late", "refused_order", "refused_future")
 

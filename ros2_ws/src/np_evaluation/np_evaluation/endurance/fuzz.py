@@ -16,7 +16,7 @@ from np_ros import qos
 from np_ros.client.graph_client import GraphClient
 from np_ros.processes.supervisor import NodeDied, Supervisor
 
-BATCH = 20  # messages after which it is looked whether everybody lives
+BATCH = 20  # messages after which the processes are checked
 HEARD = 2  # diagnostics of a node, after the last message, until its counts are valid
 PATIENCE = 30.0  # s for them
 DRAIN = 1.0  # s in which the last messages arrive
@@ -62,7 +62,7 @@ class Fuzzer:
         return all(self._samples[name] for name in topics)
 
     def fuzz(self, topic: Topic, count: int) -> FuzzResult | None:
-        """Send `count` messages on a topic; None where nobody subscribes to it."""
+        """Send `count` messages on a topic; None where no node subscribes to it."""
         nodes = sorted(set(self._peer.subscribers(topic.name)) & set(self._supervisor.names))
         if not nodes:
             return None

@@ -1,4 +1,4 @@
-"""Messages that nobody should send: random ones of a type, real ones with something broken, and bytes that are none."""
+"""Messages that no node should send: random ones of a type, real ones with something broken, and bytes that are none."""
 
 from __future__ import annotations
 

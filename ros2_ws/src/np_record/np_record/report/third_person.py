@@ -1,4 +1,4 @@
-"""What somebody beside the table sees: arm, object and goal, drawn by a painter, without a graphics card.
+"""The view of a person beside the table: arm, object and goal, drawn by a painter, without a graphics card.
 
 The arm looks like itself where its meshes are installed (`np_description.drawing.meshes`), else like the shapes that collide.
 """

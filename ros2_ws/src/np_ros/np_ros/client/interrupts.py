@@ -14,8 +14,8 @@ _NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 def defer_interrupts() -> Iterator[None]:
     """Whatever handlers of the process do with SIGINT, SIGTERM and SIGHUP, they do it after the block.
 
-    rclpy makes a TypeError of a KeyboardInterrupt that is raised while it converts a message, and who waits for the one does
-    not catch the other. In a thread that no signal reaches nothing happens. Keep the block short.
+    rclpy turns a KeyboardInterrupt that is raised while it converts a message into a TypeError. Code that expects the one
+    does not catch the other. In a thread that no signal reaches nothing happens. Keep the block short.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

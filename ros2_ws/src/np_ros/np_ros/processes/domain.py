@@ -62,7 +62,7 @@ class OnlyPublisher:
         return self._lock is not None
 
     def _await(self) -> None:
-        """Return once nobody else publishes, which takes until one that started at the same time and was not first has gone."""
+        """Return once no other node publishes: one that started at the same time, and was not first, ends meanwhile."""
         begun = time.monotonic()
         while True:
             is_first = self._is_first()

@@ -1,6 +1,6 @@
 """Keypoints from the true object pose, in the detector's place: for evaluation with KEYPOINTS=truth only.
 
-With a patch it sees as a camera does that is moved, late or blurred, and finds as a detector does that is noisy or wrong.
+With a patch its keypoints are those of a camera that is moved, late or blurred, and of a detector that is noisy or wrong.
 
 No node of the policy path may subscribe to `object_pose`; this one stands in for the camera and the
 detector, to show what they cost.
