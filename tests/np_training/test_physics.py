@@ -10,7 +10,7 @@ import warp as wp
 
 from np_description.camera import CAMERA
 from np_description.contact.depths import PAIRS
-from np_description.contact.model import HARD
+from np_description.contact.model import HARD, STEADY
 from np_description.contact.penetration import Penetration
 from np_description.domains import BUMP, CARD, WALL, Pose
 from np_description.objects.choice import domain_with
@@ -128,6 +128,21 @@ def test_time_constant_and_creep_of_contacts_differ_between_worlds():
     physics.varied.stiffen(where, one, one)
     assert torch.equal(physics.varied._solref, solref)
     np.testing.assert_allclose(physics.model.opt.impratio_invsqrt.numpy(), creep, rtol=1e-6)
+
+
+def test_contacts_are_drawn_between_the_scenes_own_and_hard_ones():
+    physics = BatchedPhysics(CARD, 3, "cpu", physics_for("growing", substeps=1))
+    varied, everyone, one = physics.varied, torch.arange(3), torch.ones(3)
+    geom = physics.host_model.geom("object").id
+    before = varied._solimp.clone()
+    varied.stiffen(everyone, one, one, onset=torch.tensor([0.0, 0.5, 1.0]))
+    for world, model in ((0, STEADY), (2, HARD)):
+        np.testing.assert_allclose(varied._solimp[world, geom, :3], model.hard.solimp[:3], rtol=1e-5)
+        assert float(varied._creep[world]) == pytest.approx(model.impratio**-0.5)
+    first_touch = varied._solimp[:, geom, 0]
+    assert first_touch[0] < first_touch[1] < first_touch[2]
+    varied.stiffen(everyone, one, one)
+    assert torch.allclose(varied._solimp, before)
 
 
 def test_a_card_creeps_the_further_under_its_load_the_weaker_friction_is_against_the_normal_direction():

@@ -74,7 +74,8 @@ class EpisodeDraws:
         self.factors[where] = torch.stack(factors, -1)
         varied.randomise(where, *factors, self._uniform(n, *c.housing_friction))
         ranges = (c.stiffness, c.damping, c.time_constant, c.friction_stiffness)
-        varied.stiffen(where, *(self._factor(n, ends) for ends in ranges))
+        onset = self._uniform(n, *c.onset) if c.onset != (0.0, 0.0) else None
+        varied.stiffen(where, *(self._factor(n, ends) for ends in ranges), onset)
         worn = (c.joint_friction, c.joint_damping, c.armature)
         varied.wear(where, *(self._factor(7 * n, ends).reshape(n, 7) for ends in worn))
         varied.shift_centre(where, c.centre * self._uniform(3 * n, -1.0, 1.0).reshape(n, 3))

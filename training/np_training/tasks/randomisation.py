@@ -62,6 +62,8 @@ class Conditions:
     """Factor of every contact's time constant, drawn evenly in its logarithm."""
     friction_stiffness: Range = (1.0, 1.0)
     """Factor of impratio, drawn evenly in its logarithm."""
+    onset: Range = (0.0, 0.0)
+    """How far every contact is on the way from the scene's definition (0) to HARD (1), where most of its force acts at first touch."""
     finger_length: float = 0.0
     """Largest distance by which a fingertip reaches further or less far, m."""
     finger_tilt: float = 0.0
@@ -84,7 +86,11 @@ class Conditions:
     @property
     def randomises_physics(self) -> bool:
         """Whether a field of the model differs between worlds."""
-        return self.centre > 0 or any(getattr(self, name) != (1.0, 1.0) for name in _OF_THE_MODEL)
+        return (
+            self.centre > 0
+            or self.onset != (0.0, 0.0)
+            or any(getattr(self, name) != (1.0, 1.0) for name in _OF_THE_MODEL)
+        )
 
     def at(self, strictness: float) -> Conditions:
         """These conditions grown from the nominal ones by a strictness in [0, 1].
