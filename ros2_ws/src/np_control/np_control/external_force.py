@@ -11,9 +11,7 @@ from np_control.dynamics import Dynamics
 from np_description.force_reflex import FORCE_REFLEX, external_torque, filter_step, hand_wrench, threshold_share
 from np_description.panda import NOMINAL, PandaModel
 
-STICTION_SPEED = (
-    0.01  # rad/s, below which Coulomb friction is taken in proportion: a joint at rest gives no measure of it
-)
+STICTION_SPEED = 0.01  # rad/s, below which Coulomb friction is in proportion: at rest it cannot be measured
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ class NotATaskSuite(ContractViolation):
 
 
 def read_task(path: str | Path) -> TaskRecording:
-    """A rosbag2 recording of the task suite. Raises NoSuite for one of something else, ContractViolation."""
+    """A rosbag2 recording of the task suite. Raises NotATaskSuite for another one, ContractViolation."""
     from np_record.bag import BagError, Recording  # slow
     from np_record.recorded_episode import read_recorded_task
 
