@@ -131,7 +131,7 @@ def test_the_released_weights_choose_a_contact_that_can_be_reached_at_another_si
     other, file = sized(domain, *[factor] * 3), weights_file(PRE_CONTACT, domain)
     assert read_size_range(read_metadata(file)) == (0.8, 1.2)
     policies = PreContactPolicy(file, other), PreContactPolicy(file, domain)
-    rng, apart, nearest = np.random.default_rng(0), [], []
+    rng, apart, nearest, beside = np.random.default_rng(0), [], [], []
     for _ in range(40):
         start, goal = sample_task(other, rng)
         seen = [project_keypoints(other, pose) for pose in (start, goal)]
@@ -139,7 +139,8 @@ def test_the_released_weights_choose_a_contact_that_can_be_reached_at_another_si
         apart.append([before(other, start, one.pose, one.opening)[0] for one in (chosen, unaware)])
         nearest.append(nearest_finger(other, start, chosen.pose, chosen.opening))
         local = matrix_from_quaternion(start.quaternion).T @ (chosen.pose.position - start.position)
-        assert np.sort(np.abs(local) / other.half_size)[:2].max() < 1.2  # over the face, or a finger over its edge
+        beside.append(np.sort(np.abs(local) / other.half_size)[1])
+    assert np.quantile(beside, 0.9) < 1.1 and max(beside) < 1.2  # over the face, at most a finger over its edge
     # The wall's student is 0.3 mm from its teacher, the bump's 1.2 mm: the approach moves out what would touch.
     most = {BUMP: 0.003, WALL: 0.001}[domain]
     off = np.subtract(apart, CLEARANCE)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 DELAY_STEP = 0.005  # s, of `Conditions.delay`
 Range = tuple[float, float]
 _OF_THE_MODEL = (
-    *("table_friction", "finger_friction", "housing_friction", "mass"),
+    *("table_friction", "finger_friction", "housing_friction", "mass", "centre"),
     *("joint_friction", "joint_damping", "armature"),
-    *("stiffness", "damping", "time_constant", "friction_stiffness"),
+    *("stiffness", "damping", "time_constant", "friction_stiffness", "onset"),
 )
 
 
@@ -86,11 +86,7 @@ class Conditions:
     @property
     def randomises_physics(self) -> bool:
         """Whether a field of the model differs between worlds."""
-        return (
-            self.centre > 0
-            or self.onset != (0.0, 0.0)
-            or any(getattr(self, name) != (1.0, 1.0) for name in _OF_THE_MODEL)
-        )
+        return any(getattr(self, name) != getattr(Conditions, name) for name in _OF_THE_MODEL)
 
     def at(self, strictness: float) -> Conditions:
         """These conditions grown from the nominal ones by a strictness in [0, 1].
