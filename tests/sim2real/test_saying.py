@@ -120,6 +120,9 @@ def test_the_page_draws_friction_only_of_joints_with_a_curve_of_their_own():
     drawn = friction_plot(one, (FRICTION, curve))
     assert "panda_joint4" in drawn and "panda_joint3" not in drawn
     assert friction_plot(one, (FRICTION,)) == ""
+    assert "friction (Nm)" in drawn and "change of friction" not in drawn
+    one.context.reference = 1
+    assert "change of friction (Nm)" in friction_plot(one, (curve,))
 
 
 def test_without_a_gap_nothing_is_claimed():

@@ -50,18 +50,21 @@ def _baseline_label(diagnosis: Diagnosis) -> str:
 
 
 def friction_plot(diagnosis: Diagnosis, findings: Sequence[Finding]) -> str:
-    """Friction over speed of the joints that have a curve of their own, with 95 % intervals; "" where none has."""
+    """Friction over speed of the joints that have a curve of their own, with 95 % intervals; "" where none has.
+
+    Against earlier recordings it is the change: the friction that the arm had then is not known.
+    """
     arm, curves = diagnosis.context.arm, {f.component: f.parameters for f in findings if f.effect.id == CURVE.id}
     if not curves:
         return ""
-    speeds = np.array(SPEEDS)
+    speeds, is_change = np.array(SPEEDS), bool(diagnosis.context.reference)
     rows = -(-len(curves) // 4)
     with style():
         figure = Figure(figsize=(WIDTH, 0.5 + 1.9 * rows), layout="constrained")
         panels = figure.subplots(rows, 4, sharex=True, squeeze=False).ravel()
         for axes, joint in zip(panels, [name for name in arm.joints if name in curves]):
             j = arm.joints.index(joint)
-            nominal = arm.frictionloss[j] + arm.damping[j] * speeds
+            nominal = 0.0 * speeds if is_change else arm.frictionloss[j] + arm.damping[j] * speeds
             axes.plot(speeds, nominal, color=BEFORE, label=_baseline_label(diagnosis))
             for way, colour, text in zip(WAYS, (AFTER, BACKWARDS), ("forwards", "backwards")):
                 values = [curves[joint][value_name(way, speed)] for speed in SPEEDS]
@@ -72,11 +75,11 @@ def friction_plot(diagnosis: Diagnosis, findings: Sequence[Finding]) -> str:
             axes.set_xticks((0.03, 0.1, 0.3, 0.8), ("0.03", "0.1", "0.3", "0.8"), minor=False)
             axes.minorticks_off()
             axes.set_title(joint, fontsize=8)
-            axes.set_ylim(bottom=0.0)
+            axes.set_ylim(bottom=None if is_change else 0.0)
         for axes in panels[len(curves) :]:
             axes.axis("off")
         for axes in panels[::4]:
-            axes.set_ylabel("friction (Nm)")
+            axes.set_ylabel("change of friction (Nm)" if is_change else "friction (Nm)")
         figure.supxlabel("speed (rad/s)", fontsize=8)
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, fontsize=8, loc="outside upper right", ncols=3, frameon=False)
