@@ -1,6 +1,6 @@
-"""`graph` and `probe` of graph_tools without processes: nodes run in this one, on the network and in the time of the simulation test.
+"""`graph` and `probe` of graph_tools without processes: nodes run in this one, with the network and clock of the simulation test.
 
-For tests of what a node does, not of how its messages travel (tests/nodes has the fixtures). A second of the nodes' time takes as long as their work: nobody waits. A process ends with `stop`, is held with `freeze`.
+For tests of a node's behaviour, not of its transport (tests/nodes has the fixtures). Simulated time passes as fast as the nodes compute.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from np_evaluation.simtest.network import Network
-from np_evaluation.simtest.process import Process, node_class
+from np_evaluation.simtest.process import Process, find_node_class
 from np_evaluation.simtest.scheduler import SECOND, Disk, Locks, Scheduler, simulate_host
 from np_ros import qos as profiles
 from np_ros.client.connection_status import has_all_subscribers
 from np_ros.processes.graph import NodeSpec
 
-TIMEOUT = 120.0  # s of the nodes' time; only how long a broken node takes to fail
-_STEP = SECOND // 1000  # ns between two looks at a condition
+TIMEOUT = 120.0  # s of the nodes' time; only a failing node takes as long
+_STEP = SECOND // 1000  # ns between two checks of a condition
 
 
 class _Peer(Node):
@@ -42,50 +42,50 @@ class InProcessGraph:
 
     @property
     def names(self) -> list[str]:
-        """The nodes started and not stopped."""
+        """The nodes that were started and not stopped."""
         return list(self._processes)
 
     @property
     def seconds(self) -> float:
-        """s of the nodes' steady clock."""
+        """Steady clock of the nodes, s."""
         return self.scheduler.now * 1e-9
 
     @contextmanager
     def host(self):
-        """What runs inside finds the simulated machine."""
+        """Replace the machine by the simulated one inside this context."""
         with simulate_host(*self._host):
             yield
 
     def process(self, spec: NodeSpec, kind: type[Node]) -> Process:
-        """A process of a class of nodes."""
+        """Start a process with a node of class `kind`."""
         with self.host():
             return Process(self.network, spec, kind, self.lines.append, lambda: self.names)
 
     def start(self, specs: Sequence[NodeSpec]) -> None:
         """Start nodes."""
         for spec in specs:
-            self._processes[spec.name] = self.process(spec, node_class(spec))
+            self._processes[spec.name] = self.process(spec, find_node_class(spec))
 
     def bring_to(self, specs: Sequence[NodeSpec]) -> None:
-        """Stop and start nodes until these run and no others; who runs as wanted is left alone."""
+        """Stop and start nodes until exactly these run; a node with an equal specification keeps running."""
         running = {name: process.spec for name, process in self._processes.items()}
         self.stop(*(name for name, spec in running.items() if spec not in specs))
         self.start([spec for spec in specs if spec.name not in self._processes])
 
     def run(self, package: str, executable: str, parameters: Mapping | None = None) -> str:
-        """Start one node; its name."""
+        """Start one node; returns its name."""
         self.start([spec := NodeSpec(package, executable, "", dict(parameters or {}))])
         return spec.name
 
     def stop(self, *names: str) -> None:
-        """End nodes as an interrupt does, and forget them."""
+        """End nodes as an interrupt does."""
         for name in names:
             with self.host():
                 self._processes.pop(name).stop()
 
     @contextmanager
     def frozen(self, name: str):
-        """The node stands still inside, as after SIGSTOP."""
+        """Freeze the node inside this context, as SIGSTOP does."""
         self._processes[name].freeze()
         try:
             yield
@@ -93,15 +93,15 @@ class InProcessGraph:
             self._processes[name].thaw()
 
     def check(self) -> None:
-        """Fail with the reason if a node has ended by itself."""
+        """Fail with the reason if a node has ended without a request."""
         for name, process in self._processes.items():
             assert process.is_alive, "\n".join([f"{name} ended: {process.died}", *self.lines[-12:]])
 
-    def ask(self, service: str, request) -> list:
-        """Ask a service; the list will hold the response."""
-        answers = []
-        self._processes[service.partition("/")[0]].call(service, request, answers.append)
-        return answers
+    def call(self, service: str, request) -> list:
+        """Call a service; the returned list will hold the response."""
+        responses = []
+        self._processes[service.partition("/")[0]].call(service, request, responses.append)
+        return responses
 
 
 class InProcessProbe:
@@ -117,7 +117,7 @@ class InProcessProbe:
     def collect(
         self, topic: str, message_type: type, qos=profiles.LOCKSTEP, callback: Callable = lambda message: None
     ) -> list:
-        """Keep what comes on `topic` in `messages[topic]`, the list returned, and hand it to `callback`."""
+        """Append messages on `topic` to the returned list, `messages[topic]`, and call `callback` with each."""
         received = self.messages[topic]
 
         def keep(message):
@@ -128,7 +128,7 @@ class InProcessProbe:
         return received
 
     def advertise(self, topic: str, message_type: type, qos=profiles.LOCKSTEP):
-        """The publisher on `topic`, made at the first call."""
+        """Return the publisher on `topic`; the first call creates it."""
         if topic not in self._publishers:
             self._publishers[topic] = self.node.create_publisher(message_type, topic, qos)
         return self._publishers[topic]
@@ -138,22 +138,22 @@ class InProcessProbe:
         self.advertise(topic, type(message), qos).publish(message)
 
     def matched(self, topic: str) -> bool:
-        """Whether our publisher on `topic` has a subscriber."""
+        """Whether the probe's publisher on `topic` has a subscriber."""
         return self._publishers[topic].get_subscription_count() >= 1
 
-    def is_heard(self, topic: str) -> bool:
-        """Whether all that was published on `topic` has arrived."""
+    def all_acknowledged(self, topic: str) -> bool:
+        """Whether all messages published on `topic` have arrived."""
         return self._publishers[topic].wait_for_all_acked(None)
 
     def call(self, service: str, request: bool | None = None):
-        """The response of a std_srvs service: Trigger, or SetBool where `request` is a bool."""
+        """Call a std_srvs service and return its response: Trigger, or SetBool if `request` is a bool."""
         content = SetBool.Request(data=request) if isinstance(request, bool) else Trigger.Request()
-        answers = self._graph.ask(service, content)
-        self.wait_until(lambda: answers, what=f"an answer of {service}")
-        return answers[0]
+        responses = self._graph.call(service, content)
+        self.wait_until(lambda: responses, what=f"a response of {service}")
+        return responses[0]
 
     def wait_until_ready(self, names: set[str]) -> None:
-        """Until the named nodes run and every publisher has found its subscribers."""
+        """Wait until every publisher has matched its subscribers; the named nodes must run."""
         assert names <= set(self._graph.names)
         publishers = self._graph.network.publishers
         self.wait_until(
@@ -164,7 +164,7 @@ class InProcessProbe:
     def wait_until(
         self, condition: Callable[[], object], timeout: float = TIMEOUT, what: str = "the condition"
     ) -> None:
-        """Let time pass until `condition()` holds. Fails with the reason of a node that ends meanwhile."""
+        """Run until `condition()` holds. Raises TimeoutError after `timeout` s, AssertionError with the reason if a node ends."""
         scheduler = self._graph.scheduler
         end = scheduler.now + round(timeout * SECOND)
         with self._graph.host():

@@ -311,7 +311,7 @@ def arm(start, state, probe):
 def say(probe, phase, reason=""):
     """Two states later the node has heard it."""
     probe.publish("episode/phase", phase_message(PhaseState(phase, reason)), qos.LATCHED)
-    probe.wait_until(lambda: probe.is_heard("episode/phase"))
+    probe.wait_until(lambda: probe.all_acknowledged("episode/phase"))
 
 
 def test_the_end_of_an_episode_stops_an_arm_on_its_way_and_late_plans_are_refused(arm, probe):

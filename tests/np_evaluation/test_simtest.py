@@ -1,4 +1,4 @@
-"""The simulated network, faults and invariants: runs are repeatable, keep what is promised, and find what is broken."""
+"""The simulated network, faults and invariants: runs are deterministic, guarantees hold, and violations are found."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -11,11 +11,11 @@ from rclpy.node import Node
 from std_msgs.msg import Float64
 
 from np_control.safety import LIMITS
-from np_evaluation.simtest.endpoints import Weather
+from np_evaluation.simtest.endpoints import TopicFault
 from np_evaluation.simtest.faults import InjectedFault
-from np_evaluation.simtest.fidelity import compare, difference
+from np_evaluation.simtest.fidelity import compare, find_differences
 from np_evaluation.simtest.network import Network
-from np_evaluation.simtest.over_dds import playable
+from np_evaluation.simtest.over_dds import select_playable
 from np_evaluation.simtest.plan import Plan
 from np_evaluation.simtest.process import Process
 from np_evaluation.simtest.relay import Relay
@@ -26,73 +26,73 @@ from np_ros.processes.graph import NodeSpec
 
 
 class Talker(Node):
-    """Sends a number every 10 ms, and hears those of others."""
+    """Publishes a number every 10 ms and subscribes to the same topic."""
 
     profile = qos.LOCKSTEP, qos.LOCKSTEP
 
     def __init__(self):
         super().__init__("talker")
-        self.heard = []
-        self._said = self.create_publisher(Float64, "said", self.profile[0])
-        self.create_subscription(Float64, "said", lambda m: self.heard.append(m.data), self.profile[1])
-        self.create_timer(0.01, self._say)
+        self.received = []
+        self._publisher = self.create_publisher(Float64, "numbers", self.profile[0])
+        self.create_subscription(Float64, "numbers", lambda m: self.received.append(m.data), self.profile[1])
+        self.create_timer(0.01, self._publish)
         self._number = 0.0
 
-    def _say(self):
+    def _publish(self):
         self._number += 1.0
-        self._said.publish(Float64(data=self._number))
+        self._publisher.publish(Float64(data=self._number))
 
 
 class BestEffort(Talker):
-    """The same in real time."""
+    """The same with the profiles of real time."""
 
     profile = qos.REALTIME_PUBLISHER, qos.REALTIME_SUBSCRIBER
 
 
-def talk(kind, weather=None, seconds=2.0, act=lambda process, scheduler: None):
+def run_talker(kind, topic_fault=None, seconds=2.0, act=lambda process, scheduler: None):
     scheduler = Scheduler(0)
     network = Network(scheduler)
     with simulate_host(scheduler, Locks(), Disk()):
         process = Process(network, NodeSpec("", "talker"), kind, lambda text: None, lambda: ["talker"])
-        if weather:
-            network.weather["/said"] = weather
+        if topic_fault:
+            network.topic_faults["/numbers"] = topic_fault
         scheduler.run_until(2 * SECOND)
         act(process, scheduler)
         scheduler.run_until(2 * SECOND + round(seconds * SECOND))
-    return process.node.heard
+    return process.node.received
 
 
 def test_a_reliable_topic_loses_nothing_and_keeps_its_order():
-    heard = talk(Talker, Weather(loss=0.9))
-    assert len(heard) > 100 and np.diff(heard).tolist() == [1.0] * (len(heard) - 1)
+    received = run_talker(Talker, TopicFault(loss=0.9))
+    assert len(received) > 100 and np.diff(received).tolist() == [1.0] * (len(received) - 1)
 
 
 def test_a_best_effort_topic_loses_messages_but_keeps_their_order():
-    heard = talk(BestEffort, Weather(loss=0.5))
-    assert 50 < len(heard) < 150 and min(np.diff(heard)) > 0 and max(np.diff(heard)) > 1
+    received = run_talker(BestEffort, TopicFault(loss=0.5))
+    assert 50 < len(received) < 150 and min(np.diff(received)) > 0 and max(np.diff(received)) > 1
 
 
-def test_a_frozen_process_gets_what_the_depth_keeps():
+def test_a_frozen_process_receives_as_many_messages_as_the_depth_keeps():
     def freeze(process, scheduler):
         process.freeze()
-        scheduler.at(scheduler.now + SECOND, process.thaw)
+        scheduler.call_at(scheduler.now + SECOND, process.thaw)
 
-    assert max(np.diff(talk(Talker, act=freeze))) == 1.0
-    # Frozen, it says nothing itself; one message may have been on its way.
-    assert len(talk(BestEffort, act=freeze)) <= len(talk(BestEffort))
-
-
-def test_a_killed_process_says_nothing_more():
-    heard = talk(Talker, act=lambda process, scheduler: process.kill())
-    assert len(heard) < 110
+    assert max(np.diff(run_talker(Talker, act=freeze))) == 1.0
+    # A frozen process publishes nothing; one message may have been in transit.
+    assert len(run_talker(BestEffort, act=freeze)) <= len(run_talker(BestEffort))
 
 
-def test_a_recorder_that_is_killed_while_it_closes_its_bag_goes_no_further():
-    """Its callback sleeps when the kill comes, and then writes: nobody takes that any more (seed 40026 waited for ever)."""
+def test_a_killed_process_publishes_nothing_more():
+    received = run_talker(Talker, act=lambda process, scheduler: process.kill())
+    assert len(received) < 110
+
+
+def test_a_recorder_killed_while_it_closes_its_bag_does_not_continue():
+    """Its callback sleeps during the kill and then writes, but no consumer is left."""
     queue, taken = _TurnQueue(), []
 
     def take():
-        with suppress(SystemExit):  # which pytest would report of a thread
+        with suppress(SystemExit):  # pytest reports an exception of a thread
             taken.append(queue.get())
             queue.get()
 
@@ -107,7 +107,7 @@ def test_a_recorder_that_is_killed_while_it_closes_its_bag_goes_no_further():
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
-def test_a_run_is_the_same_again(mode):
+def test_a_run_is_deterministic(mode):
     plan = replace(Plan.of(3), mode=mode, horizon=1.0, post_timeout=0.3)
     first, second = play(plan), play(plan)
     assert first.log == second.log and first.phases == second.phases
@@ -139,7 +139,7 @@ def test_the_arm_comes_to_rest_when_the_episode_is_killed_in_the_approach(mode):
 
 
 @pytest.mark.slow
-def test_nothing_goes_on_after_a_reset_in_the_approach_when_the_episode_has_just_been_killed():
+def test_no_motion_continues_after_a_reset_in_the_approach_just_after_the_episode_was_killed():
     faults = InjectedFault("crash", 1.35, "episode", 2.0), InjectedFault("request", 1.4, "sim_bridge/reset")
     report = play(replace(Plan.of(0), mode="realtime", is_recorded=False, horizon=2.5, post_timeout=0.3, faults=faults))
     assert not report.violations
@@ -147,21 +147,21 @@ def test_nothing_goes_on_after_a_reset_in_the_approach_when_the_episode_has_just
 
 @pytest.mark.slow
 def test_a_reset_in_the_middle_of_a_push_leaves_the_arm_at_rest():
-    """The tick of the new task's first state still says `post`: its target belongs to an episode that is over."""
+    """The tick of the new task's first state still has phase `post`: its target belongs to the ended episode."""
     reset = InjectedFault("request", 1.478, "sim_bridge/reset")
     report = play(replace(Plan.of(31508), is_recorded=False, faults=(reset,)))
     assert not report.violations and "post" in report.phases and "joint_impedance: refused_state" in report.refusals
 
 
 @pytest.mark.slow
-def test_a_measurement_that_is_not_finite_can_be_recovered_from_in_lockstep():
-    """Time stands still while the arm is at fault: the state that was published last stays the broken one."""
+def test_recover_ends_the_fault_of_a_measurement_that_is_not_finite_in_lockstep():
+    """Time stops while the arm is at fault: the last published state remains the invalid one."""
     broken = InjectedFault("sensor_nan", 1.053, "", 0.003)
     report = play(replace(Plan.of(40043), is_recorded=False, faults=(broken,)))
     assert not report.violations and any("reflex: force: no estimate" in phase for phase in report.phases)
 
 
-def test_a_wall_clock_that_is_set_back_ends_no_episode():
+def test_a_wall_clock_set_back_ends_no_episode():
     jump = InjectedFault("clock_jump", 0.8, "", 0.0, -4.0)
     report = play(
         replace(Plan.of(0), mode="realtime", is_recorded=False, horizon=1.5, post_timeout=3.5, faults=(jump,))
@@ -170,7 +170,7 @@ def test_a_wall_clock_that_is_set_back_ends_no_episode():
     assert report.phases[-1].partition(": no ")[0] in ("succeeded", "failed: post: timeout")
 
 
-def test_a_restarted_backend_gives_a_goal_though_the_wall_clock_was_set_back():
+def test_a_restarted_backend_publishes_an_accepted_goal_after_the_wall_clock_was_set_back():
     jump = InjectedFault("clock_jump", 0.8, "", 0.0, -20.0)
     crash = InjectedFault("crash", 1.0, "sim_bridge", 0.3)
     report = play(
@@ -179,8 +179,8 @@ def test_a_restarted_backend_gives_a_goal_though_the_wall_clock_was_set_back():
     assert not report.violations and "episode: refused_order" not in report.refusals
 
 
-def test_a_broken_guard_is_found_and_made_small(monkeypatch):
-    """A backend that never stops, in silence or by force: the invariants say so, and the killed controller alone is left of three faults."""
+def test_a_disabled_guard_is_found_and_its_run_shrunk(monkeypatch):
+    """A backend that stops neither without commands nor at high force breaks an invariant; of three faults the crash of the controller remains."""
     from np_control.force_watch import ForceWatch
     from np_control.safety.watchdog import Watchdog
 
@@ -209,31 +209,31 @@ def test_a_torque_beyond_the_limits_is_found(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_dozen_seeds_keep_what_is_promised():
+def test_a_dozen_seeds_keep_the_guarantees():
     broken = {seed: report.violations for seed in range(12) if (report := play(Plan.of(seed))).violations}
     assert not broken
 
 
-def test_a_fault_that_needs_the_inside_of_a_process_is_left_out_over_dds():
+def test_a_fault_inside_a_process_is_left_out_over_dds():
     jump, crash = InjectedFault("clock_jump", 0.8, "", 0.0, -4.0), InjectedFault("crash", 1.0, "episode", 0.3)
-    plan = playable(replace(Plan.of(0), is_recorded=True, faults=(jump, crash)))
+    plan = select_playable(replace(Plan.of(0), is_recorded=True, faults=(jump, crash)))
     assert plan.faults == (crash,) and not plan.is_recorded
 
 
-def test_a_difference_is_what_no_simulated_run_had_and_what_each_of_them_had():
+def test_differences_are_what_no_simulated_run_had_and_what_each_of_them_had():
     real, simulated = {"faults": {"silence", "stop"}}, [{"faults": {"stop", "force"}}, {"faults": {"force", "reset"}}]
-    assert difference(real, simulated) == {"faults": {"only_over_dds": ["silence"], "only_in_process": ["force"]}}
-    assert difference(real, [*simulated, real]) == {}
+    assert find_differences(real, simulated) == {"faults": {"only_over_dds": ["silence"], "only_in_process": ["force"]}}
+    assert find_differences(real, [*simulated, real]) == {}
 
 
-def test_what_a_node_counted_that_was_ended_is_not_known():
+def test_counts_of_an_ended_node_are_no_difference():
     simulated = [{"refusals": {"episode: refused_order", "approach: refused_finite"}}]
-    found = difference({"refusals": set()}, simulated, unheard=["episode"])
+    found = find_differences({"refusals": set()}, simulated, incomplete=["episode"])
     assert found == {"refusals": {"only_over_dds": [], "only_in_process": ["approach: refused_finite"]}}
 
 
 class Wire(Node):
-    """In place of the peer of a relay: keeps what is published, and how to say something to the relay."""
+    """Replaces the node of a relay: keeps the published messages and the relay's callback."""
 
     def __init__(self):
         self.published = []
@@ -242,27 +242,27 @@ class Wire(Node):
         return SimpleNamespace(publish=self.published.append)
 
     def create_subscription(self, kind, topic, callback, profile, raw):
-        self.say, self.topic = callback, topic
+        self.deliver, self.topic = callback, topic
 
 
-def test_a_relay_sends_on_in_order_what_a_fault_holds_back_and_drops_what_it_loses():
+def test_a_relay_keeps_the_order_of_delayed_messages_and_drops_lost_ones():
     network, wire = Network(Scheduler(0)), Wire()
     Relay(wire, "joint_states", network, is_lockstep=False)
     assert wire.topic == "joint_states_before_faults"
-    wire.say(b"1")
-    network.weather["/joint_states"] = Weather(delay=SECOND)
-    wire.say(b"2")
-    network.weather["/joint_states"] = Weather(loss=1.0)
-    wire.say(b"3")
-    network.weather.clear()
-    wire.say(b"4")
+    wire.deliver(b"1")
+    network.topic_faults["/joint_states"] = TopicFault(delay=SECOND)
+    wire.deliver(b"2")
+    network.topic_faults["/joint_states"] = TopicFault(loss=1.0)
+    wire.deliver(b"3")
+    network.topic_faults.clear()
+    wire.deliver(b"4")
     assert wire.published == [b"1"]
     network.scheduler.run_until(3 * SECOND)
     assert wire.published == [b"1", b"2", b"4"]
 
 
 @pytest.mark.slow
-def test_a_script_comes_to_the_same_over_dds():
+def test_a_script_has_the_same_outcome_over_dds():
     faults = InjectedFault("nan", 0.65, "keypoints", 1.3), InjectedFault("request", 2.0, "sim_bridge/stop")
     row, log = compare(replace(Plan.of(0), mode="lockstep", horizon=2.0, post_timeout=0.3, faults=faults))
     assert not row["violations"] and "faults" not in row["differs"], log

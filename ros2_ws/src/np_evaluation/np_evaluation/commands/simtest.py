@@ -1,4 +1,4 @@
-"""`simtest`: the graph's nodes in one process, over a simulated network, clock and arm, under faults that a seed draws; the guarantees have to hold."""
+"""`simtest`: run the graph's nodes in one process, over a simulated network, clock and arm, under seeded random faults; guarantees must hold."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from pathlib import Path
 from np_common.cli import INTERRUPTED, Parser, Progress, interrupt_on_sigterm
 from np_description.weights.provenance import origin
 
-_WARM = 5  # runs until what is loaded once is loaded
+_WARM_UP = 5  # runs whose memory also grows by what is loaded once
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     p = Parser(prog="simtest", description=__doc__.partition(": ")[2])
-    p.add_argument("--seeds", type=int, default=20, help="how many runs; %(default)s")
+    p.add_argument("--seeds", type=int, default=20, help="number of runs; %(default)s")
     p.add_argument("--first", type=int, default=0, help="the first seed; %(default)s")
-    p.add_argument("--one", type=int, help="only this seed, with its log; one that fails is made as short as it goes")
-    p.add_argument("--over-dds", action="store_true", help="play each also to processes over DDS, and compare")
-    p.add_argument("--seconds", type=float, default=float("inf"), help="begin no run after so many s of wall time")
-    p.add_argument("--out", type=Path, help="file for a line of JSON about each run")
+    p.add_argument("--one", type=int, help="run this seed alone and print its log; a failing run is shrunk")
+    p.add_argument("--over-dds", action="store_true", help="also run each seed as processes over DDS, and compare")
+    p.add_argument("--seconds", type=float, default=float("inf"), help="start no run after this wall time, s")
+    p.add_argument("--out", type=Path, help="file that receives one line of JSON per run")
     return p
 
 
@@ -53,9 +53,9 @@ def _run_all(options: argparse.Namespace) -> int:
         memory.append(measure_use("self").memory)
         for kind, text in report.violations.items():
             print(f"simtest: seed {seed}: {kind}: {text}", file=sys.stderr)
-        return report.figures()
+        return report.summarize()
 
-    reports = _each_seed(options, run)
+    reports = _run_each_seed(options, run)
     processor = sum(report["processor_s"] for report in reports)
     result = {
         "runs": len(reports),
@@ -65,7 +65,7 @@ def _run_all(options: argparse.Namespace) -> int:
         "violations": dict(Counter(kind for report in reports for kind in report["violations"])),
         "failing_seeds": [report["seed"] for report in reports if report["violations"]],
         "realtime_factor": round(sum(report["simulated_s"] for report in reports) / processor, 2),
-        "memory_kB_per_run": _slope(memory),
+        "memory_kB_per_run": _fit_slope(memory),
         "revision": origin()["revision"],
         "wall_s": round(time.monotonic() - began, 1),
     }
@@ -83,7 +83,7 @@ def _compare_all(options: argparse.Namespace) -> int:
             print("\n".join(log))
         return row
 
-    began, rows = time.monotonic(), _each_seed(options, run)
+    began, rows = time.monotonic(), _run_each_seed(options, run)
     result = {
         "scripts": len(rows),
         "faults_played": sum(len(row["faults"]) for row in rows),
@@ -99,8 +99,8 @@ def _compare_all(options: argparse.Namespace) -> int:
     return 1 if result["broken_over_dds"] else 0
 
 
-def _each_seed(options: argparse.Namespace, run: Callable[[int], dict[str, object]]) -> list[dict[str, object]]:
-    """The rows that `run` gives for the seeds asked for, which also go to the file asked for."""
+def _run_each_seed(options: argparse.Namespace, run: Callable[[int], dict[str, object]]) -> list[dict[str, object]]:
+    """Call `run` for each requested seed; returns the rows and appends them to the requested file."""
     began, rows = time.monotonic(), []
     seeds = range(options.first, options.first + options.seeds) if options.one is None else [options.one]
     progress = Progress(len(seeds), "simtest")
@@ -127,15 +127,15 @@ def _run_one(seed: int) -> int:
         print(f"\nshrunk from {len(report.plan.faults)} faults to {len(shorter.plan.faults)}:")
         print("\n".join(shorter.log))
         report = shorter
-    print(json.dumps({**report.figures(), "faults": [str(fault) for fault in report.plan.faults]}))
+    print(json.dumps({**report.summarize(), "faults": [str(fault) for fault in report.plan.faults]}))
     return 1 if report.violations else 0
 
 
-def _slope(memory: list[int]) -> float | None:
-    """kB a run by a line through the runs after the first few; None for too few of them."""
+def _fit_slope(memory: list[int]) -> float | None:
+    """Fit the growth of memory per run, kB, after the warm-up; None for fewer than ten runs."""
     import numpy as np
 
-    kept = memory[_WARM:]
+    kept = memory[_WARM_UP:]
     return round(float(np.polyfit(range(len(kept)), kept, 1)[0]), 1) if len(kept) >= 10 else None
 
 

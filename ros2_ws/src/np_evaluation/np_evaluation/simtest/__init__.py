@@ -1,1 +1,1 @@
-"""The node classes of the graph in one process, over a simulated network, clock, disk and arm, with faults that a seed draws."""
+"""Simulation test: the graph's node classes in one process, over a simulated network, clock, disk and arm, under seeded random faults."""

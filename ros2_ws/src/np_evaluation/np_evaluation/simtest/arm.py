@@ -1,4 +1,4 @@
-"""The simulated arm of a run: the bridge of the graph over an engine whose every step is watched, and which can be disturbed."""
+"""The simulated arm of a run: the graph's bridge over an engine that reports every step and can be disturbed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from np_sim_bridge.nodes.bridge import Bridge
 
 
 class ArmDisturbance:
-    """What a run does to the arm: `torque` (7,) Nm from outside; `sensor` changes the measured joints (9,) while it is set."""
+    """Disturbances of the arm: external `torque` (7,) Nm; `sensor`, if set, changes the measured joints (9,) rad, m in place."""
 
     def __init__(self) -> None:
         self.torque = np.zeros(7)
@@ -21,7 +21,7 @@ class ArmDisturbance:
 
 
 class _WatchedEngine(MujocoEngine):
-    """MuJoCo's, disturbed, with every reset and step shown to `watch`."""
+    """The MuJoCo engine with disturbances; it reports every reset and step to `watch`."""
 
     watch: Invariants
     disturbance: ArmDisturbance
@@ -41,12 +41,12 @@ class _WatchedEngine(MujocoEngine):
         self.watch.on_step(torque, *super().joints()[:2])
 
 
-def bridge_class(watch: Invariants, disturbance: ArmDisturbance) -> type[Bridge]:
-    """The class of `sim_bridge` over an engine that is watched and disturbed."""
+def make_bridge_class(watch: Invariants, disturbance: ArmDisturbance) -> type[Bridge]:
+    """Make a class of `sim_bridge` whose engine reports to `watch` and applies `disturbance`."""
     engine = type("Engine", (_WatchedEngine,), {"watch": watch, "disturbance": disturbance})
 
     class WatchedBridge(Bridge):
-        """As np_sim_bridge.nodes.sim_bridge_node.SimBridge, over the watched engine."""
+        """np_sim_bridge.nodes.sim_bridge_node.SimBridge over the watched engine."""
 
         def __init__(self):
             watch.on_start()

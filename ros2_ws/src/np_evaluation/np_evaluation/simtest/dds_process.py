@@ -1,4 +1,4 @@
-"""One node of the graph as a process of the machine: for a run over DDS what `np_evaluation.simtest.process.Process` is for a simulated one."""
+"""One node of the graph as an operating-system process: in a run over DDS it replaces `np_evaluation.simtest.process.Process`."""
 
 from __future__ import annotations
 
@@ -12,78 +12,79 @@ from np_evaluation.simtest.scheduler import SECOND, Scheduler
 from np_ros.processes.graph import NodeSpec
 from np_ros.processes.supervisor import Supervisor
 
-_AGAIN = SECOND // 200  # ns between two looks for a service and its answer
+_POLL_PERIOD = SECOND // 200  # ns between two checks for a service and its response
 
 
 class DdsProcess:
-    """A node from its start to its end; started anew it is another DdsProcess. `died` says of what it ended by itself.
+    """One process of a node from start to end; a restart makes another DdsProcess.
 
-    node.diagnostics.counts: what it has refused since `forget_counts`, as far as it has said so. has_spoken: whether it has said anything.
+    died: why it ended without a request, "" if it did not. node.diagnostics.counts: refusals that it has published since `reset_counts`.
+    has_published: whether it has published diagnostics.
     """
 
     def __init__(self, supervisor: Supervisor, spec: NodeSpec, scheduler: Scheduler, clients: dict):
         self._supervisor, self._scheduler, self._clients = supervisor, scheduler, clients
         self._name = spec.name
         self.node = SimpleNamespace(diagnostics=SimpleNamespace(counts=Counter()))
-        self.is_alive, self.died, self.has_spoken = True, "", False
-        self._forgotten = Counter()
+        self.is_alive, self.died, self.has_published = True, "", False
+        self._counts_at_reset = Counter()
         supervisor.start(spec)
         self._pid = supervisor.pid(spec.name)
 
-    def on_diagnostics(self, said: Mapping[str, str]) -> None:
-        """It has said this of itself."""
-        self.has_spoken = True
-        counts = Counter({key: int(value) for key, value in said.items() if key.startswith("refused_")})
-        self.node.diagnostics.counts = counts - self._forgotten
+    def on_diagnostics(self, values: Mapping[str, str]) -> None:
+        """Store the values of the node's diagnostics."""
+        self.has_published = True
+        counts = Counter({key: int(value) for key, value in values.items() if key.startswith("refused_")})
+        self.node.diagnostics.counts = counts - self._counts_at_reset
 
-    def forget_counts(self) -> None:
-        """Count anew."""
-        self._forgotten += self.node.diagnostics.counts
+    def reset_counts(self) -> None:
+        """Set all counts to zero."""
+        self._counts_at_reset += self.node.diagnostics.counts
         self.node.diagnostics.counts = Counter()
 
     def freeze(self) -> None:
-        """Stop it."""
+        """Suspend it with SIGSTOP."""
         self._send(signal.SIGSTOP)
 
     def thaw(self) -> None:
-        """Let it go on."""
+        """Resume it with SIGCONT."""
         self._send(signal.SIGCONT)
 
     def kill(self) -> None:
-        """End it without its doing."""
+        """End it with SIGKILL."""
         self.is_alive = False
         self._send(signal.SIGKILL)
 
     def stop(self) -> None:
-        """Ask it to end, frozen or not."""
+        """End it with SIGINT; resume it first if it is frozen."""
         self.is_alive = False
         self.thaw()
         self._send(signal.SIGINT)
 
-    def call(self, service: str, request, answer: Callable[[object], None]) -> None:
-        """Ask one of its services as soon as it is there; `answer` is given the response."""
-        client, asked = self._clients[service], []
+    def call(self, service: str, request, on_response: Callable[[object], None]) -> None:
+        """Call one of its services as soon as it is ready; `on_response` receives the response."""
+        client, futures = self._clients[service], []
 
-        def look() -> None:
-            if not asked and client.service_is_ready():
-                asked.append(client.call_async(request))
-            if asked and asked[0].done():
-                answer(asked[0].result())
+        def poll() -> None:
+            if not futures and client.service_is_ready():
+                futures.append(client.call_async(request))
+            if futures and futures[0].done():
+                on_response(futures[0].result())
             elif self.is_alive:
-                self._scheduler.after(_AGAIN, look)
+                self._scheduler.call_after(_POLL_PERIOD, poll)
 
-        look()
+        poll()
 
-    def look(self) -> None:
-        """Let the supervisor forget it once it has ended; `died` then says why, where nobody has ended it."""
-        if self._is_known() and self._supervisor.ended(self._name):
+    def poll(self) -> None:
+        """Remove it from the supervisor once it has ended; set `died` if it ended without a request."""
+        if self._is_supervised() and self._supervisor.ended(self._name):
             if self.is_alive:
-                self.is_alive, self.died = False, " ".join(self._supervisor.last_lines(self._name, 3)) or "no word"
+                self.is_alive, self.died = False, " ".join(self._supervisor.last_lines(self._name, 3)) or "no output"
             self._supervisor.stop(self._name)
 
-    def _is_known(self) -> bool:
+    def _is_supervised(self) -> bool:
         return self._name in self._supervisor.names and self._supervisor.pid(self._name) == self._pid
 
     def _send(self, number: signal.Signals) -> None:
-        if self._is_known() and not self._supervisor.ended(self._name):
+        if self._is_supervised() and not self._supervisor.ended(self._name):
             os.kill(self._pid, number)

@@ -1,4 +1,4 @@
-"""Publishers and subscriptions of simulated processes, and what is on its way between them, by the rules of their quality of service."""
+"""Publishers and subscriptions of simulated processes, and the messages in transit between them, by their quality of service."""
 
 from __future__ import annotations
 
@@ -15,39 +15,39 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 
 class Endpoint(Protocol):
-    """What has publishers and subscriptions: np_evaluation.simtest.node has the class."""
+    """A process that has publishers and subscriptions; np_evaluation.simtest.process implements it."""
 
     node: object
     is_alive: bool
     is_frozen: bool
 
     def wake(self) -> None:
-        """Run what is ready."""
+        """Run the callbacks that are ready."""
 
     def call_soon(self, action: Callable[[], None]) -> None:
         """Run `action` in the node's thread."""
 
 
 @dataclass
-class Weather:
-    """What the network does to a topic while a fault lasts."""
+class TopicFault:
+    """How the network changes the messages of a topic while a fault lasts."""
 
     delay: int = 0
-    """ns that every message takes longer."""
+    """Additional delay of every message, ns."""
     loss: float = 0.0
-    """Share of the messages to best-effort readers that is lost."""
+    """Share of the messages to best-effort subscriptions that is lost."""
     duplicates: float = 0.0
-    """Share of the messages that somebody sends a second time."""
+    """Share of the messages that are sent twice."""
     is_silent: bool = False
-    """Whether what is published is thrown away, as by a source that has fallen silent."""
+    """Whether all messages are dropped, as from a source that stopped publishing."""
     change: Callable[[bytes], bytes] | None = None
-    """What becomes of a message's bytes."""
-    is_refusable: bool = False
-    """Whether what it becomes must be refused, and counted, by who reads it."""
+    """Maps the bytes of a message to those that are sent."""
+    is_invalid: bool = False
+    """Whether a subscriber must refuse and count the changed message."""
 
 
 class Link:
-    """From one publisher to one subscription. Reliable: all messages, in order. Best effort: in order, some lost."""
+    """Connects one publisher to one subscription. Reliable: all messages, in order. Best effort: in order, some lost."""
 
     def __init__(self, publisher: Publisher, subscription: Subscription):
         self.publisher, self.subscription = publisher, subscription
@@ -55,31 +55,31 @@ class Link:
         self.unacknowledged = 0
         self._pair = publisher.process, subscription.process
         self._last = 0
-        self._held: deque = deque(maxlen=publisher.qos_profile.depth)  # for a process that is frozen
+        self._held: deque = deque(maxlen=publisher.qos_profile.depth)  # messages to a frozen process
 
     def send(self, data: bytes, info: dict, delay: int) -> None:
-        """Put a message on its way."""
+        """Schedule the arrival of a message after `delay` ns."""
         network, scheduler = self.publisher.network, self.publisher.network.scheduler
-        # What one process sends another comes in the order of its sending, but for the share that a run draws.
+        # Messages between two processes keep the order in which they were sent, except for the share that the run draws.
         in_order = scheduler.rng.random() >= network.reordered
         latest = network.arrivals.get(self._pair, 0)
         self._last = max(self._last, scheduler.now + delay, latest if in_order else 0)
         network.arrivals[self._pair] = max(self._last, latest)
         self.unacknowledged += self.is_reliable
-        scheduler.at(self._last, lambda: self._arrive((data, info)))
+        scheduler.call_at(self._last, lambda: self._arrive((data, info)))
 
     def _arrive(self, item: tuple[bytes, dict]) -> None:
         process = self.subscription.process
         if not process.is_alive:
-            return  # nobody says that it came
+            return  # not acknowledged
         if process.is_frozen:
             self._held.append(item)
             return
         self.unacknowledged -= self.is_reliable
-        self.subscription.take_in(*item)
+        self.subscription.receive(*item)
 
     def thaw(self) -> None:
-        """What waited for a frozen process arrives."""
+        """Deliver the messages held while the process was frozen."""
         self.unacknowledged = 0 if not self._held else self.unacknowledged
         while self._held:
             self._arrive(self._held.popleft())
@@ -87,7 +87,7 @@ class Link:
 
 
 class Publisher:
-    """As rclpy's, as far as nodes use it."""
+    """The part of rclpy's Publisher that nodes use."""
 
     def __init__(self, network, process: Endpoint, kind: type, topic: str, qos: QoSProfile, events):
         self.network, self.process, self.kind = network, process, kind
@@ -98,37 +98,37 @@ class Publisher:
         self._number = count(1)
 
     def publish(self, message) -> None:
-        """Send a message, or its bytes."""
+        """Send a message, or serialized bytes."""
         if not self.process.is_alive:
             return
-        weather = self.network.weather.get(self.topic_name)
+        topic_fault = self.network.topic_faults.get(self.topic_name)
         if not (self.links or self._latched.maxlen or self.network.has_tap(self.topic_name)):
             next(self._number)
             return
         data = message if isinstance(message, bytes) else serialize_message(message)
-        if weather and weather.is_silent:
+        if topic_fault and topic_fault.is_silent:
             return
-        if weather and weather.change:
-            data = weather.change(data)
-        self.network.tell(self, data)
-        broken = {"is_broken": True} if weather and weather.is_refusable else {}
+        if topic_fault and topic_fault.change:
+            data = topic_fault.change(data)
+        self.network.notify_taps(self, data)
+        invalid = {"is_invalid": True} if topic_fault and topic_fault.is_invalid else {}
         rng = self.network.scheduler.rng
-        for _ in range(1 + bool(weather and rng.random() < weather.duplicates)):
+        for _ in range(1 + bool(topic_fault and rng.random() < topic_fault.duplicates)):
             info = {
                 "source_timestamp": self.network.scheduler.wall,
                 "received_timestamp": self.network.scheduler.wall,
                 "publication_sequence_number": next(self._number),
                 "reception_sequence_number": 0,
-                **broken,
+                **invalid,
             }
             self._latched.append((data, info))
             for link in self.links:
-                if weather and not link.is_reliable and rng.random() < weather.loss:
+                if topic_fault and not link.is_reliable and rng.random() < topic_fault.loss:
                     continue
-                link.send(data, info, self.network.delay(self.topic_name, weather))
+                link.send(data, info, self.network.draw_delay(self.topic_name, topic_fault))
 
     def connect(self, subscription: Subscription) -> None:
-        """The two have found each other."""
+        """Match with a subscription; a latched one receives the kept messages."""
         if not (self.process.is_alive and subscription.process.is_alive):
             return
         link = Link(self, subscription)
@@ -136,21 +136,21 @@ class Publisher:
         subscription.links.append(link)
         if _is_latched(subscription.qos_profile):
             for data, info in self._latched:
-                link.send(data, info, self.network.delay(self.topic_name, None))
+                link.send(data, info, self.network.draw_delay(self.topic_name, None))
         if self.matched:
             self.process.call_soon(lambda: self.matched(SimpleNamespace(current_count=len(self.links))))
 
     def get_subscription_count(self) -> int:
-        """How many subscriptions it has found."""
+        """How many subscriptions have matched."""
         return len(self.links)
 
     def wait_for_all_acked(self, timeout) -> bool:
-        """Whether all that was sent has arrived. Nobody is waited for: who asks does so before it ends."""
+        """Whether all messages sent have arrived; it does not wait, since nodes call this only before they end."""
         return all(link.unacknowledged == 0 for link in self.links)
 
 
 class Subscription:
-    """As rclpy's, as far as nodes use it; `handle` is what a reader without callbacks takes from."""
+    """The part of rclpy's Subscription that nodes use; a polling reader takes messages from `handle`."""
 
     def __init__(self, network, process, kind: type, topic: str, callback, qos: QoSProfile, raw: bool, is_polled: bool):
         self.network, self.process, self.msg_type, self.topic_name = network, process, kind, topic
@@ -163,16 +163,16 @@ class Subscription:
         return self
 
     def __exit__(self, *_) -> None:
-        """Nothing is held."""
+        """Release nothing."""
 
-    def take_in(self, data: bytes, info: dict) -> None:
-        """A message has arrived; of more than the depth the oldest is dropped."""
+    def receive(self, data: bytes, info: dict) -> None:
+        """Queue a message that has arrived; a full queue drops its oldest."""
         self.waiting.append((data, info))
         if not self.is_polled:
             self.process.wake()
 
     def take_message(self, kind: type, raw: bool):
-        """The oldest message that waits and its information, or None; one that cannot be read is dropped, as in rclpy."""
+        """Take the oldest queued message and its information, None if there is none; drop unreadable ones, as rclpy does."""
         while self.waiting:
             data, info = self.waiting.popleft()
             if raw:
@@ -184,16 +184,16 @@ class Subscription:
         return None
 
     def run(self) -> None:
-        """Hand the oldest message to the callback."""
+        """Call the callback with the oldest message."""
         if (taken := self.take_message(self.msg_type, self.raw)) is None:
             return
-        counted = self.network.count_refusals(self) if (is_broken := "is_broken" in taken[1]) else 0
+        counted = self.network.count_refusals(self) if (is_invalid := "is_invalid" in taken[1]) else 0
         self.callback(*taken) if self._with_info else self.callback(taken[0])
-        if is_broken and self.network.count_refusals(self) <= counted:
-            self.network.on_unrefused(self)
+        if is_invalid and self.network.count_refusals(self) <= counted:
+            self.network.on_accepted_invalid(self)
 
     def get_publisher_count(self) -> int:
-        """How many publishers it has found."""
+        """How many publishers have matched."""
         return len(self.links)
 
 
@@ -206,7 +206,7 @@ def _is_latched(qos: QoSProfile) -> bool:
 
 
 def _takes_one(callback: Callable) -> bool:
-    """Whether a callback is given the message alone, decided as rclpy does."""
+    """Whether a callback takes the message alone, by rclpy's rule."""
     try:
         inspect.signature(callback).bind(object())
     except TypeError:

@@ -1,4 +1,4 @@
-"""The faults of a run: drawn from a seed, said in a line each, brought about and ended."""
+"""The faults of a run: how they are drawn from a seed, and how they corrupt messages."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ SECOND = 1_000_000_000
 NODES = ("sim_bridge", "joint_impedance", "keypoint_oracle", "pre_contact", "approach", "post_contact", "episode")
 STREAMS = ("joint_states", "effort_command", "keypoints", "object_pose", "target_pose", "target_gains", "episode/tick")
 EVENTS = ("joint_trajectory", "gripper_command", "pre_contact_pose", "goal_pose", "goal_keypoints", "episode/phase")
-BREAKABLE = (*STREAMS[:-1], "joint_trajectory", "gripper_command", "pre_contact_pose", "goal_pose")
+CORRUPTIBLE = (*STREAMS[:-1], "joint_trajectory", "gripper_command", "pre_contact_pose", "goal_pose")
 
 
 @dataclass(frozen=True)
 class InjectedFault:
-    """One fault: `kind` at `at` s of the run, of a node or topic, for `seconds`; `size` as the kind has it."""
+    """One fault: `kind` at `at` s of the run, on a node or topic, for `seconds`; the unit of `size` depends on the kind."""
 
     kind: str
     at: float
@@ -34,7 +34,7 @@ class InjectedFault:
         return f"{self.at:.3f} s: {self.kind} {self.target}{size}{lasts}"
 
 
-# What is drawn: kind, its weight, of what, seconds (from, to), size (from, to).
+# Per kind: name, weight, targets, seconds (from, to), size (from, to).
 _KINDS = (
     ("crash", 4, NODES, (0.2, 4.0), (0, 0)),
     ("freeze", 3, NODES, (0.02, 3.0), (0, 0)),
@@ -43,8 +43,8 @@ _KINDS = (
     ("delay", 3, STREAMS + EVENTS, (0.1, 2.0), (1e-3, 0.5)),
     ("loss", 3, STREAMS, (0.1, 2.0), (0.1, 1.0)),
     ("duplicates", 2, STREAMS + EVENTS, (0.5, 4.0), (0.1, 1.0)),
-    ("nan", 3, BREAKABLE, (0.02, 1.5), (0, 0)),
-    ("wrong", 2, BREAKABLE, (0.02, 1.5), (0.1, 10.0)),
+    ("nan", 3, CORRUPTIBLE, (0.02, 1.5), (0, 0)),
+    ("wrong", 2, CORRUPTIBLE, (0.02, 1.5), (0.1, 10.0)),
     ("silent_camera", 2, ("keypoints",), (0.2, 4.0), (0, 0)),
     ("frozen_camera", 2, ("keypoints",), (0.2, 4.0), (0, 0)),
     ("clock_jump", 2, ("",), (0, 0), (-30.0, 30.0)),
@@ -59,7 +59,7 @@ _KINDS = (
 
 
 def draw(rng: np.random.Generator, horizon: float, recorded: bool) -> list[InjectedFault]:
-    """One to six faults within `horizon` s, those of a recorder only where there is one."""
+    """Draw one to six faults within `horizon` s; those of the recorder only if a run is recorded."""
     kinds = [row for row in _KINDS if recorded or row[2] != ("recorder",)]
     weights = np.array([row[1] for row in kinds], float)
     faults = []
@@ -76,39 +76,39 @@ def _draw(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def breaker(topic: str, kind: str, size: float) -> Callable[[bytes], bytes]:
-    """What makes the messages of a topic not a number (`nan`), or wrong by `size` (`wrong`)."""
+def make_corrupter(topic: str, kind: str, size: float) -> Callable[[bytes], bytes]:
+    """Make a function that sets a value of a topic's messages to NaN (`nan`) or adds `size` to it (`wrong`)."""
     message_type, value = find_message_class(BY_NAME[topic].type), float("nan")
 
     def change(data: bytes) -> bytes:
         message = deserialize_message(data, message_type)
-        _spoil(message, lambda old: value if kind == "nan" else old + size)
+        _corrupt(message, lambda old: value if kind == "nan" else old + size)
         return serialize_message(message)
 
     return change
 
 
-def _spoil(message, spoil: Callable[[float], float]) -> None:
-    """Change the first number of a message's content."""
+def _corrupt(message, corrupt: Callable[[float], float]) -> None:
+    """Change the first number of a message's content, of a trajectory that of its last point."""
     name = type(message).__name__
     if name == "JointState":
-        message.position[0] = spoil(message.position[0])
+        message.position[0] = corrupt(message.position[0])
     elif name == "PoseStamped":
-        message.pose.position.x = spoil(message.pose.position.x)
+        message.pose.position.x = corrupt(message.pose.position.x)
     elif name == "PointCloud2":
         points = np.frombuffer(bytes(message.data), "<f4").copy()
-        points[0] = spoil(float(points[0]))
+        points[0] = corrupt(float(points[0]))
         message.data = points.tobytes()
     elif name == "Float64MultiArray":
-        message.data[0] = spoil(message.data[0])
+        message.data[0] = corrupt(message.data[0])
     elif name == "Float64":
-        message.data = spoil(message.data)
+        message.data = corrupt(message.data)
     elif message.points:
-        message.points[-1].positions[0] = spoil(message.points[-1].positions[0])
+        message.points[-1].positions[0] = corrupt(message.points[-1].positions[0])
 
 
-class Freezer:
-    """Keypoints of a frozen camera: the content of the first message goes on, with stamps that go on."""
+class FrozenCamera:
+    """Corrupts keypoints as a frozen camera does: the first content repeats, the stamps advance."""
 
     def __init__(self) -> None:
         self._content: bytes | None = None

@@ -1,4 +1,4 @@
-"""One script in the simulation and over DDS: what came of it in both, and what in one alone."""
+"""Runs one script in the simulation and over DDS, and reports where the outcomes differ."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from pathlib import Path
 import numpy as np
 
 from np_description.phases import FAULT
-from np_evaluation.simtest.over_dds import DdsRun, playable
+from np_evaluation.simtest.over_dds import DdsRun, select_playable
 from np_evaluation.simtest.plan import Plan, Report
 from np_evaluation.simtest.shrink import play
 
-_LONGER = 5.0  # s that simulated runs go on for, which a call to a node that starts may have held up
-_SHIFT = 0.3  # s by which each time may be other in the last simulated run
+_LONGER = 5.0  # s added to simulated runs, since a call to a starting node may have delayed the end
+_SHIFT = 0.3  # s, largest change of a fault's time in the last simulated run
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 
 
-def outcome(report: Report) -> dict[str, set[str]]:
-    """What a run came to: promises broken, phases reached, faults raised, reasons of refusals by node. Without numbers."""
+def find_outcome(report: Report) -> dict[str, set[str]]:
+    """Extract guarantees broken, phases reached, faults raised and reasons of refusals by node; numbers are masked."""
     return {
         "broken": set(report.violations),
         "phases": {phase.partition(":")[0] for phase in report.phases},
@@ -30,52 +30,51 @@ def outcome(report: Report) -> dict[str, set[str]]:
     }
 
 
-def difference(
-    real: Mapping[str, set[str]], simulated: Sequence[Mapping[str, set[str]]], unheard: Collection[str] = ()
+def find_differences(
+    real: Mapping[str, set[str]], simulated: Sequence[Mapping[str, set[str]]], incomplete: Collection[str] = ()
 ) -> dict[str, dict[str, list[str]]]:
-    """What a run over DDS had and none of the simulated ones, and what all of those had and it had not, where there is any.
+    """Find what only the run over DDS had, and what all simulated runs had but it had not; keys without a difference are left out.
 
-    unheard: nodes of which not all counts are known over DDS.
+    incomplete: nodes whose counts are not all known over DDS.
     """
     found = {}
     for key, seen in real.items():
         missing = set.intersection(*(each[key] for each in simulated)) - seen
-        alone = {
+        unique = {
             "only_over_dds": sorted(seen.difference(*(each[key] for each in simulated))),
-            "only_in_process": sorted(what for what in missing if what.partition(":")[0] not in unheard),
+            "only_in_process": sorted(what for what in missing if what.partition(":")[0] not in incomplete),
         }
-        if any(alone.values()):
-            found[key] = alone
+        if any(unique.values()):
+            found[key] = unique
     return found
 
 
 def compare(drawn: Plan) -> tuple[dict[str, object], list[str]]:
-    """A script in both: a row of JSON, and what happened over DDS, a line each."""
+    """Run a script in both; returns a row for JSON and the log lines of the run over DDS."""
     with tempfile.TemporaryDirectory() as folder:
-        real = DdsRun(playable(drawn), Path(folder)).play()
-    return judge(drawn, real), real.log
+        real = DdsRun(select_playable(drawn), Path(folder)).play()
+    return compare_reports(drawn, real), real.log
 
 
-def judge(drawn: Plan, real: Report) -> dict[str, object]:
-    """What came otherwise over DDS: a row of JSON.
+def compare_reports(drawn: Plan, real: Report) -> dict[str, object]:
+    """Compare a run over DDS with simulated runs of the same script; returns a row for JSON.
 
-    A process takes seconds to start where a simulated one takes none, in lockstep a busy machine has a slower arm, and on one machine no
-    message overtakes another. So where the two differ the simulation plays the script again with those times on such a network, as they
-    were and with each shifted by up to 0.3 s, for as long as it took. A node that a fault ends has not said what it counted in its last
-    second.
+    A process takes seconds to start; a simulated one takes none. In lockstep a busy machine slows the arm. On one machine no message
+    overtakes another. If the outcomes differ, the simulation therefore repeats the script with the measured times and an ordered network:
+    once with these times, once with each shifted by up to 0.3 s. A node that a fault ends does not publish the counts of its last second.
     """
-    plan = playable(drawn)
-    unheard = {fault.target for fault in plan.faults if fault.kind in ("crash", "stop")}
+    plan = select_playable(drawn)
+    incomplete = {fault.target for fault in plan.faults if fault.kind in ("crash", "stop")}
     first = play(plan)
-    rng, came_of, simulated = np.random.default_rng([plan.seed, 2]), outcome(real), [outcome(first)]
+    rng, real_outcome, simulated = np.random.default_rng([plan.seed, 2]), find_outcome(real), [find_outcome(first)]
     pace = real.period / first.period if plan.mode == "lockstep" else 1.0
     for shift in (0.0, _SHIFT):
-        if not difference(came_of, simulated, unheard):
+        if not find_differences(real_outcome, simulated, incomplete):
             break
         faults = [replace(f, at=max(0.0, f.at + (f.at > 0) * rng.uniform(-shift, shift))) for f in real.plan.faults]
         faults = tuple(sorted(faults, key=lambda fault: fault.at))
         again = replace(plan, faults=faults, horizon=real.simulated + _LONGER, slowest=plan.slowest * pace)
-        simulated.append(outcome(play(replace(again, reordered=0.0))))
+        simulated.append(find_outcome(play(replace(again, reordered=0.0))))
     return {
         "seed": plan.seed,
         "mode": plan.mode,
@@ -86,6 +85,6 @@ def judge(drawn: Plan, real: Report) -> dict[str, object]:
         "refusals": {key: count for key, count in real.refusals.items() if count},
         "violations": real.violations,
         "pace": round(pace, 2),
-        "differs_as_drawn": difference(came_of, simulated[:1], unheard),
-        "differs": difference(came_of, simulated, unheard),
+        "differs_as_drawn": find_differences(real_outcome, simulated[:1], incomplete),
+        "differs": find_differences(real_outcome, simulated, incomplete),
     }

@@ -1,4 +1,4 @@
-"""What must hold whatever goes wrong, checked at every step of the arm and every message; each with the page that promises it."""
+"""Invariants that must hold under all faults, checked at every step of the arm and every message; each names the page that guarantees it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from np_evaluation.simtest.scheduler import Scheduler
 from np_ros.goals import GOAL, goal_text
 from np_ros.phases import phase_state
 
-PROMISED = {
+GUARANTEES = {
     "torque": "graph.md, Refused commands and watchdogs: torque, torque rate",
     "range": "graph.md, Refused commands and watchdogs: soft walls, speed",
     "rest": "graph.md, Refused commands and watchdogs: 200 ms without a command, stop, fault, no episode/heartbeat",
@@ -34,12 +34,12 @@ PROMISED = {
     "recording": "graph.md, Recording",
     "replay": "graph.md, Recording: replay is equal byte by byte",
 }
-REST = 300_000_000  # ns after the loss of commands, a stop or a fault, within which the arm is at rest
-_STAMP_ONLY = {  # who looks at the stamp of a topic alone, and at the rest later or never
+REST_TIME = 300_000_000  # ns from a loss of commands, a stop or a fault until the arm must be at rest
+_STAMP_ONLY = {  # nodes and topics: the node reads the stamp on arrival, the content later or never
     *((name, "joint_states") for name in ("episode", "approach", "post_contact")),
     ("sim_bridge", "target_pose"),
 }
-NEXT = {
+NEXT_PHASES = {
     IDLE: {PRE, FAULT},
     PRE: {APPROACH, FAILED, FAULT},
     APPROACH: {POST, FAILED, FAULT},
@@ -51,92 +51,95 @@ NEXT = {
 
 
 class Invariants:
-    """Collects violations, one of each kind at most; node(name) gives the node that runs, or None.
+    """Collects violations, at most one of each kind; find_node(name) returns the running node, or None.
 
-    pushed_until, sensor_bad_until, sight_bad_until: ns up to which somebody pushes the arm, its sensors are wrong, keypoints are:
-    until then what depends on them is not promised. recover_asked: how often the backend was asked since it stopped.
+    pushed_until, sensor_bad_until, keypoints_bad_until: ns until which the arm is pushed, its sensors are wrong, or keypoints are wrong;
+    checks that depend on these pause until then. recover_requests: calls of `recover` since the backend stopped.
     """
 
-    def __init__(self, domain: Task, clock: Scheduler, node: Callable[[str], Node | None], log: Callable[[str], None]):
-        self._domain, self._clock, self._node, self._log = domain, clock, node, log
-        self.steps = self._unowned = 0  # in all; since `episode` has ended
+    def __init__(
+        self, domain: Task, clock: Scheduler, find_node: Callable[[str], Node | None], log: Callable[[str], None]
+    ):
+        self._domain, self._clock, self._find_node, self._log = domain, clock, find_node, log
+        self.steps = self._since_episode = 0  # in total; since `episode` ended
         self._stepped: deque[int] = deque(maxlen=1000)  # ns
         self.violations: dict[str, str] = {}
         self.phases: list[PhaseState] = []
-        self.pushed_until = self.recover_asked = self.sight_bad_until = 0
+        self.pushed_until = self.recover_requests = self.keypoints_bad_until = 0
         self.sensor_bad_until = 0
         self._torque = np.zeros(7)
         self._state, self._held_since = None, None
-        self._goal, self.is_acknowledged, self._moves = "", False, False
+        self._goal, self.is_acknowledged, self._is_started = "", False, False
 
     def violate(self, kind: str, text: str) -> None:
-        """Note that a promise was broken."""
+        """Store and log the first violation of a kind."""
         if kind not in self.violations:
             self.violations[kind] = text
-            self._log(f"VIOLATION {kind}: {text} (promised: {PROMISED[kind]})")
+            self._log(f"VIOLATION {kind}: {text} (guaranteed by {GUARANTEES[kind]})")
 
     # The arm
 
     def on_start(self) -> None:
-        """Another backend has been started."""
+        """Handle the start of a new backend."""
         self._state = None
         self.on_reset()
 
     def on_reset(self) -> None:
-        """The arm stands at a new task."""
+        """Handle a reset of the arm to a new task."""
         self._torque, self._held_since = np.zeros(7), None
-        self.is_acknowledged = self._moves = False
+        self.is_acknowledged = self._is_started = False
 
     def count_step(self) -> None:
-        """One period of the arm."""
+        """Count one control period of the arm."""
         self.steps += 1
         self._stepped.append(self._clock.now)
 
     @property
     def period(self) -> float:
-        """ms of the clock from one step of the arm to the next, the median of the last thousand; 2 in real time."""
+        """Median time between the last thousand steps of the arm, ms of the clock; 2 in real time."""
         return float(np.median(np.diff(self._stepped))) * 1e-6 if len(self._stepped) > 1 else 2.0
 
     def on_step(self, torque: np.ndarray, q: np.ndarray, dq: np.ndarray) -> None:
-        """One period: torque (7,) Nm that was applied, true joints (9,) rad, m and velocities (9,) after it."""
+        """Check one period: applied torque (7,) Nm; true joints q (9,) rad, m and velocities dq (9,) rad/s, m/s after it."""
         if not np.isfinite(torque).all() or (np.abs(torque) > LIMITS.torque + 1e-9).any():
             self.violate("torque", f"applied {torque}")
         if (np.abs(torque - self._torque) > LIMITS.torque_step + 1e-9).any():
             self.violate("torque", f"torque changed by {np.abs(torque - self._torque).max():.3f} Nm in a period")
         self._torque = torque.copy()
         self.count_step()
-        if (bridge := self._node("sim_bridge")) is None:
+        if (bridge := self._find_node("sim_bridge")) is None:
             return
-        is_left_alone = self._clock.now > self.pushed_until
+        is_undisturbed = self._clock.now > self.pushed_until
         q, dq = q[:7], dq[:7]
         outside = (q < LIMITS.position_lower) | (q > LIMITS.position_upper) | (np.abs(dq) > LIMITS.velocity)
-        if is_left_alone and self._clock.now > self.sensor_bad_until and outside.any():
+        if is_undisturbed and self._clock.now > self.sensor_bad_until and outside.any():
             self.violate("range", f"joints at {q.round(3)} rad, {dq.round(2)} rad/s")
-        if bridge._simulation.reflex and bridge._filter.watchdog.may_move and not self.recover_asked:
+        if bridge._simulation.reflex and bridge._filter.watchdog.may_move and not self.recover_requests:
             self.violate("reflex", f"{bridge._simulation.reflex}, and the arm is {bridge._filter.state}")
         speed = float(np.abs(dq).max())
-        self._check_state(bridge, speed, is_left_alone)
-        self._unowned = 0 if self._node("episode") is not None or not is_left_alone else self._unowned + 1
-        if self._unowned * LIMITS.period_ns > REST and speed > LIMITS.rest_speed:
-            self.violate("rest", f"{speed:.2f} rad/s {self._unowned * LIMITS.period} s after the end of episode")
-        is_allowed = self.is_acknowledged and self._moves
-        # A controller that reads a wrong angle pulls at the arm for as long as it does.
+        self._check_state(bridge, speed, is_undisturbed)
+        is_counted = self._find_node("episode") is None and is_undisturbed
+        self._since_episode = self._since_episode + 1 if is_counted else 0
+        if self._since_episode * LIMITS.period_ns > REST_TIME and speed > LIMITS.rest_speed:
+            self.violate("rest", f"{speed:.2f} rad/s {self._since_episode * LIMITS.period} s after the end of episode")
+        is_allowed = self.is_acknowledged and self._is_started
+        # A controller that reads a wrong angle moves the arm as long as it does.
         is_sensed = self._clock.now > self.sensor_bad_until
-        if speed > LIMITS.rest_speed and is_left_alone and is_sensed and not is_allowed:
+        if speed > LIMITS.rest_speed and is_undisturbed and is_sensed and not is_allowed:
             self.violate(
-                "motion", f"{speed:.2f} rad/s, goal acknowledged: {self.is_acknowledged}, started: {self._moves}"
+                "motion", f"{speed:.2f} rad/s, goal acknowledged: {self.is_acknowledged}, started: {self._is_started}"
             )
 
-    def _check_state(self, bridge, speed: float, is_left_alone: bool) -> None:
-        """Of the backend: how it is left, and that the arm is at rest in time."""
+    def _check_state(self, bridge, speed: float, is_undisturbed: bool) -> None:
+        """Check that only `recover` ends a stop or a fault, and that the arm comes to rest in time."""
         state, stamp = bridge._filter.state, bridge._simulation.stamp
         held = (State.STOPPED, State.FAULT)
-        if self._state in held and state not in held and not self.recover_asked:
+        if self._state in held and state not in held and not self.recover_requests:
             self.violate("recover", f"{self._state} became {state} without recover")
         if state not in held:
-            if self._state in held:  # the arm goes to the first command's target, within 0.1 rad of it (graph.md)
-                self._unowned = 0
-            self.recover_asked = 0
+            if self._state in held:  # the arm moves up to 0.1 rad to the target of the first command (graph.md)
+                self._since_episode = 0
+            self.recover_requests = 0
         self._state = state
         lost = bridge._filter.watchdog._last if state in (State.MOVING, State.HOLDING) else None
         if state in held:
@@ -144,54 +147,54 @@ class Invariants:
             lost = self._held_since
         else:
             self._held_since = None
-        if not is_left_alone:
+        if not is_undisturbed:
             self._held_since = stamp if state in held else None
-        elif lost is not None and stamp - lost > REST and speed > LIMITS.rest_speed:
+        elif lost is not None and stamp - lost > REST_TIME and speed > LIMITS.rest_speed:
             self.violate("rest", f"{speed:.2f} rad/s {(stamp - lost) / 1e6:.0f} ms after it was {state}")
 
     # Messages
 
     def on_goal(self, data: bytes) -> None:
-        """A message on `goal_pose`."""
+        """Read a message on `goal_pose`."""
         self._goal = goal_text(deserialize_message(data, PoseStamped))
 
     def on_diagnostics(self, data: bytes) -> None:
-        """A message on `diagnostics`."""
+        """Read a message on `diagnostics`."""
         for status in deserialize_message(data, DiagnosticArray).status:
             if status.name == "/episode":
-                said = {pair.key: pair.value for pair in status.values}
-                self.is_acknowledged |= bool(self._goal) and said.get(GOAL) == self._goal
+                values = {pair.key: pair.value for pair in status.values}
+                self.is_acknowledged |= bool(self._goal) and values.get(GOAL) == self._goal
 
     def on_phase(self, publisher, data: bytes) -> None:
-        """A message on `episode/phase`."""
+        """Check a message on `episode/phase`."""
         try:
             state = phase_state(deserialize_message(data, DiagnosticArray))
         except BadMessage:
             return
-        is_first = getattr(publisher, "said", None) is None
-        before = None if is_first else publisher.said
-        publisher.said = state.phase
-        if state.phase not in ({IDLE} if is_first else NEXT[before]):
+        before = getattr(publisher, "last_phase", None)
+        is_first = before is None
+        publisher.last_phase = state.phase
+        if state.phase not in ({IDLE} if is_first else NEXT_PHASES[before]):
             self.violate("phases", f"{before or 'the start of episode'} was followed by {state.phase}")
         if state.phase in ACTIVE:
-            self._moves = True
+            self._is_started = True
         self.phases.append(state)
         self._log(f"phase {state}")
         if state.phase == SUCCEEDED:
             self._check_success()
 
-    def on_unrefused(self, subscription) -> None:
-        """A message that is not a number was taken without being counted."""
+    def on_accepted_invalid(self, subscription) -> None:
+        """Handle a message with NaN that a node accepted and did not count."""
         name, topic = subscription.process.spec.name, subscription.topic_name.lstrip("/")
         if (name, topic) in _STAMP_ONLY or name == "recorder":
             return
-        self.violate("refusals", f"{name} took a broken {topic}")
+        self.violate("refusals", f"{name} accepted an invalid {topic}")
 
     def _check_success(self) -> None:
-        bridge, core = self._node("sim_bridge"), self._node("episode")._episode
+        bridge, core = self._find_node("sim_bridge"), self._find_node("episode")._episode
         if not is_success(self._domain, core.distance, core.angle):
             self.violate("success", f"declared at {core.distance:.4f} m, {core.angle:.3f} rad by the estimate")
-        if bridge is None or self._clock.now < self.sight_bad_until or not self.is_acknowledged:
+        if bridge is None or self._clock.now < self.keypoints_bad_until or not self.is_acknowledged:
             return
         goal, now = bridge._simulation.task.goal, bridge._simulation.object_pose()
         distance, angle = pose_error(now.position, now.quaternion, goal.position, goal.quaternion)

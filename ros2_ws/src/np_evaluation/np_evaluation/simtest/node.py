@@ -1,4 +1,4 @@
-"""What stands in for rclpy's Node below the graph's own node classes, on the simulated network."""
+"""Replaces rclpy's Node as the base of the graph's node classes, on the simulated network."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SECOND = 1_000_000_000
 
 
 class Timer:
-    """As rclpy's. A timer of the node's own clock goes by the wall clock, which may jump."""
+    """The part of rclpy's Timer that nodes use. Unless it is steady it follows the wall clock, which may jump."""
 
     def __init__(self, process: Endpoint, period: float, callback: Callable[[], None], is_steady: bool):
         self._process, self.callback, self._is_steady = process, callback, is_steady
@@ -27,37 +27,37 @@ class Timer:
         self.reset()
 
     def reset(self) -> None:
-        """Run a period from now on."""
-        self._next = self._clock() + self._period
+        """Run again one period from now."""
+        self._next = self._read_clock() + self._period
         self._process.wake(self.due)
 
     def cancel(self) -> None:
-        """Do not run until `reset`."""
+        """Stop until `reset`."""
         self._next = None
 
     def is_canceled(self) -> bool:
-        """Whether it does not run."""
+        """Whether it is stopped."""
         return self._next is None
 
     @property
     def due(self) -> int | None:
-        """ns of the steady clock at which it runs next, None for never."""
+        """Time of the next run, ns of the steady clock; None if it is stopped."""
         if self._next is None or self._is_steady:
             return self._next
         return self._next - self._process.scheduler.wall_offset
 
     def call(self) -> None:
-        """Run the callback; periods that were missed are left out."""
-        late = self._clock() - self._next
+        """Run the callback; skip missed periods."""
+        late = self._read_clock() - self._next
         self._next += self._period * (1 + late // self._period)
         self.callback()
 
-    def _clock(self) -> int:
+    def _read_clock(self) -> int:
         return self._process.scheduler.now if self._is_steady else self._process.scheduler.wall
 
 
 class SimulatedNode(Node):
-    """Stands in for rclpy's Node: see `Process`, which sets `process` before the constructor runs."""
+    """Replaces rclpy's Node; `Process` sets `process` before the constructor runs."""
 
     process: Endpoint
 
@@ -66,7 +66,7 @@ class SimulatedNode(Node):
         self._parameter_overrides = {
             key: Parameter(key, value=value) for key, value in self.process.spec.parameters.items()
         }
-        self._known: dict[str, object] = {}
+        self._declared: dict[str, object] = {}
 
     publishers = property(lambda self: self.process.publishers)
     subscriptions = property(lambda self: self.process.subscriptions)
@@ -103,11 +103,11 @@ class SimulatedNode(Node):
         for limits in (*descriptor.floating_point_range, *descriptor.integer_range):
             if not limits.from_value <= value <= limits.to_value:
                 raise ValueError(f"parameter {name}: expected {limits.from_value} to {limits.to_value}, got {value}")
-        self._known[name] = value
+        self._declared[name] = value
         return SimpleNamespace(value=value)
 
     def get_parameters_by_prefix(self, prefix: str):
-        return self._known
+        return self._declared
 
     def create_publisher(self, kind, topic, qos, *, event_callbacks=None) -> Publisher:
         network = self.process.network
@@ -137,21 +137,21 @@ class SimulatedNode(Node):
         return len(self.get_subscriptions_info_by_topic(topic))
 
     def get_publishers_info_by_topic(self, topic: str) -> list:
-        return self._infos(self.process.network.publishers, topic)
+        return self._list_info(self.process.network.publishers, topic)
 
     def get_subscriptions_info_by_topic(self, topic: str) -> list:
-        return self._infos(self.process.network.subscriptions, topic)
+        return self._list_info(self.process.network.subscriptions, topic)
 
-    def _infos(self, entities, topic: str) -> list[SimpleNamespace]:
-        """Of those of the topic that this process knows: of one that was killed before it began it never hears."""
+    def _list_info(self, entities, topic: str) -> list[SimpleNamespace]:
+        """List the discovered endpoints of a topic: a process never discovers one that was killed before its own start."""
         name = self.resolve_topic_name(topic)
-        known = [e for e in entities if e.topic_name == name and e.process.killed_at > self.process.began]
+        found = [e for e in entities if e.topic_name == name and e.process.killed_at > self.process.began]
         return [
-            SimpleNamespace(node_name=e.process.spec.name, node_namespace="/", qos_profile=e.qos_profile) for e in known
+            SimpleNamespace(node_name=e.process.spec.name, node_namespace="/", qos_profile=e.qos_profile) for e in found
         ]
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
-        return [(name, "/") for name in self.process.neighbours()]
+        return [(name, "/") for name in self.process.node_names()]
 
     def destroy_node(self) -> None:
-        """Nothing is open: the process forgets it."""
+        """Close nothing: the process holds no resources."""

@@ -1,4 +1,4 @@
-"""What a run consists of, as a seed draws it, and what came of it."""
+"""The plan of a run, drawn from a seed, and the report of its outcome."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ class Plan:
     """One run of the graph."""
 
     seed: int
-    """Of the tasks and of the network."""
+    """Seed of the tasks and of the network."""
     mode: str
-    """lockstep or realtime."""
+    """`lockstep` or `realtime`."""
     domain: str
     """Task family."""
     is_recorded: bool
-    """Whether a recorder runs."""
+    """Whether the recorder runs."""
     horizon: float
-    """s up to which faults begin; the run goes on until the graph has recovered."""
+    """Latest start of a fault, s; the run continues until the graph has recovered."""
     post_timeout: float
-    """s of phase post: short, so that a run sees several ends, or long enough for a success."""
+    """Timeout of phase post, s: short for several episodes in a run, or long enough for a success."""
     faults: tuple[InjectedFault, ...]
-    """In the order of their time."""
+    """Sorted by time."""
     slowest: float = 0.5
-    """ms that a message takes at most where nothing is wrong."""
+    """Largest delay of a message without faults, ms."""
     reordered: float | None = None
-    """Share of the messages that may overtake those of other topics; None: as the seed draws it."""
+    """Share of the messages that may overtake those of other topics; None: drawn from the seed."""
 
     @classmethod
     def of(cls, seed: int) -> Plan:
-        """The plan that a seed draws. In lockstep an episode takes little wall time, so that a run is shorter."""
+        """Draw a plan from a seed; the horizon is shorter in lockstep, where an episode takes little wall time."""
         rng = np.random.default_rng([seed, 1])
         mode, domain = str(rng.choice(("lockstep", "realtime"))), str(rng.choice(("card", "card", "wall", "bump")))
         is_recorded = bool(rng.random() < 0.3)
@@ -45,26 +45,26 @@ class Plan:
 
 @dataclass(frozen=True)
 class Report:
-    """What a run came to."""
+    """The outcome of a run."""
 
     plan: Plan
     violations: dict[str, str]
-    """What was seen, by the promise that it breaks (`np_evaluation.simtest.invariants.PROMISED`)."""
+    """The first violation of each guarantee (`np_evaluation.simtest.invariants.GUARANTEES`)."""
     phases: list[str]
-    """Every phase that `episode` said."""
+    """Every phase that `episode` published."""
     refusals: dict[str, int]
-    """How often each node counted each reason."""
+    """Counts by node and reason, as `node: reason`."""
     simulated: float
-    """s of the arm's time."""
+    """Simulated time of the arm, s."""
     period: float
-    """ms from one step of the arm to the next, by the clock of the run."""
+    """Median time between steps of the arm by the clock of the run, ms."""
     processor: float
-    """s of processor time."""
+    """Processor time, s."""
     log: list[str]
-    """A line for each thing that happened, with its time."""
+    """One line per event, with its time."""
 
-    def figures(self) -> dict[str, object]:
-        """What is kept of it as JSON."""
+    def summarize(self) -> dict[str, object]:
+        """Summarize the report for JSON."""
         return {
             "seed": self.plan.seed,
             "mode": self.plan.mode,

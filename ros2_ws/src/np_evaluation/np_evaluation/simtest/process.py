@@ -1,4 +1,4 @@
-"""A process with one node of the graph in it: its turns, its faults, its end."""
+"""A simulated process with one node of the graph: its executor, its faults and its end."""
 
 from __future__ import annotations
 
@@ -20,20 +20,21 @@ _MS = 1_000_000  # ns
 
 
 class Process:
-    """One node of a graph, from its start to its end; started anew it is another Process.
+    """One process of a node from start to end; a restart makes another Process.
 
-    spec: as the graph's table has it; node_class: the class to run. `died` says of what it ended by itself.
+    spec: from the graph's table; node_class: the class to run; node_names(): the running nodes. died: why it ended without a request, ""
+    if it did not.
     """
 
     def __init__(
-        self, network: Network, spec: NodeSpec, node_class: type[Node], log: Callable[[str], None], neighbours
+        self, network: Network, spec: NodeSpec, node_class: type[Node], log: Callable[[str], None], node_names
     ):
-        self.network, self.scheduler, self.spec, self.log, self.neighbours = (
+        self.network, self.scheduler, self.spec, self.log, self.node_names = (
             network,
             network.scheduler,
             spec,
             log,
-            neighbours,
+            node_names,
         )
         self.publishers: list[Publisher] = []
         self.subscriptions: list[Subscription] = []
@@ -48,18 +49,18 @@ class Process:
         try:
             self.node.__init__()
             check_known(self.node)
-        except (ValueError, OSError) as error:  # as np_ros.node.run: one line, and the end
+        except (ValueError, OSError) as error:  # like np_ros.node.run: log one line and end
             self._end(f"cannot start: {error}")
         self._is_running = False
         self.wake()
 
     def wake(self, when: int | None = None) -> None:
-        """Run what is ready at `when` ns, or now."""
+        """Schedule a turn at `when` ns, or now."""
         now = self.scheduler.now
         when = max(now, self._free_at, when or 0)
         if self._wake_at is None or when < self._wake_at or self._wake_at < now:
             self._wake_at = when
-            self.scheduler.at(when, lambda: self._run(when))
+            self.scheduler.call_at(when, lambda: self._run(when))
 
     def call_soon(self, action: Callable[[], None]) -> None:
         """Run `action` in the node's thread."""
@@ -67,15 +68,15 @@ class Process:
         self.wake()
 
     def occupy(self, ns: int) -> None:
-        """The callback that runs takes so long: nothing else runs before."""
+        """Let the running callback take `ns`; no other callback runs before it ends."""
         self._free_at = max(self._free_at, self.scheduler.now + ns)
 
     def freeze(self) -> None:
-        """Stop it as SIGSTOP does."""
+        """Suspend it as SIGSTOP does."""
         self.is_frozen = True
 
     def thaw(self) -> None:
-        """Let it go on."""
+        """Resume it as SIGCONT does."""
         self.is_frozen = False
         for subscription in self.subscriptions:
             for link in subscription.links:
@@ -83,45 +84,45 @@ class Process:
         self.wake()
 
     def kill(self) -> None:
-        """End it as SIGKILL does: the others notice when its lease is over."""
+        """End it as SIGKILL does; the others detect this when its lease expires."""
         if self.is_alive:
             self.is_alive, self.killed_at = False, self.scheduler.now
             if isinstance(writer := getattr(self.node, "_writer", None), BagWriter):
                 writer._queue.kill()
-            self.scheduler.after(LEASE * _MS, lambda: self.network.forget(self))
+            self.scheduler.call_after(LEASE * _MS, lambda: self.network.remove(self))
 
     def stop(self) -> None:
-        """End it as SIGINT does: after the callback that runs, and no other runs after it."""
+        """End it as SIGINT does: after the running callback and before any other."""
         if self.is_alive and self._is_running:
-            self.scheduler.after(_MS, self.stop)
+            self.scheduler.call_after(_MS, self.stop)
         elif self.is_alive:
             self._is_running, why = True, ""
             try:
                 self.node.destroy_node()
-            except SystemExit as ended:  # a recorder whose disk is full, at the end of its bag
+            except SystemExit as ended:  # from a recorder whose disk is full when it closes its bag
                 why = f"status {ended}"
             self._end(why)
 
-    def call(self, service: str, request, answer: Callable[[object], None]) -> None:
-        """Ask one of its services; `answer` is given the response, and nothing where the process dies before."""
+    def call(self, service: str, request, on_response: Callable[[object], None]) -> None:
+        """Call one of its services; `on_response` receives the response unless the process dies first."""
         kind, callback = self.services[service]
 
         def serve() -> None:
             response = callback(request, kind.Response())
-            self.scheduler.after(self.network.delay("", None), lambda: answer(response))
+            self.scheduler.call_after(self.network.draw_delay("", None), lambda: on_response(response))
 
-        self.scheduler.after(self.network.delay("", None), lambda: self.call_soon(serve))
+        self.scheduler.call_after(self.network.draw_delay("", None), lambda: self.call_soon(serve))
 
     def _end(self, why: str) -> None:
         self.is_alive, self.died = False, why
-        self.network.forget(self)
+        self.network.remove(self)
         if why:
             self.log(f"{self.spec.name}: ended: {why}")
 
     def _run(self, when: int) -> None:
-        """One turn of np_ros.low_latency.spin: timers, one message of each subscription in the order they were made, services."""
+        """Run one turn of np_ros.low_latency.spin: timers, one message of each subscription in order of creation, services."""
         if when != self._wake_at:
-            return  # woken earlier meanwhile
+            return  # an earlier turn replaced this one
         self._wake_at = None
         if not self.is_alive or self._is_running or self.is_frozen:
             return
@@ -133,7 +134,7 @@ class Process:
         except SystemExit:
             if self.is_alive:
                 self._end("status 1")
-        except Exception as error:  # noqa: BLE001  whatever a callback raises ends its process
+        except Exception as error:  # noqa: BLE001  any exception of a callback ends its process
             where = inspect.trace()[-1]
             self._end(f"crash: {type(error).__name__}: {error} ({where.filename.rsplit('/', 1)[-1]}:{where.lineno})")
         self._is_running = False
@@ -145,24 +146,24 @@ class Process:
         for timer in [each for each in self.timers if (due := each.due) is not None and due <= now]:
             if timer.due is not None and timer.due <= now:
                 timer.call()
-        for subscription in self._ready():
+        for subscription in self._list_ready():
             subscription.run()
         soon, self._soon = self._soon, []
         for action in soon:
             action()
 
-    def _ready(self) -> list[Subscription]:
+    def _list_ready(self) -> list[Subscription]:
         return [each for each in self.subscriptions if each.waiting and not each.is_polled]
 
     def _sleep(self) -> None:
-        if self._soon or self._ready():
+        if self._soon or self._list_ready():
             return self.wake()
         if dues := [due for timer in self.timers if (due := timer.due) is not None]:
             self.wake(min(dues))
 
 
-def node_class(spec: NodeSpec) -> type[Node]:
-    """The class of a node of the graph."""
+def find_node_class(spec: NodeSpec) -> type[Node]:
+    """Find the class of a node of the graph."""
     module = importlib.import_module(f"{spec.package}.nodes.{spec.executable}_node")
     return next(
         each

@@ -1,10 +1,10 @@
-"""Faults of a topic over DDS: its publisher has another name for it, and a relay sends on what it says under the usual one."""
+"""Faults of a topic over DDS: the publisher uses another topic name, and a relay republishes under the usual one."""
 
 from __future__ import annotations
 
 from rclpy.node import Node
 
-from np_evaluation.simtest.endpoints import Weather
+from np_evaluation.simtest.endpoints import TopicFault
 from np_evaluation.simtest.faults import STREAMS
 from np_evaluation.simtest.network import Network
 from np_record.nodes.recorder_node import find_message_class
@@ -27,31 +27,31 @@ PUBLISHER = {
     "episode/phase": "episode",
     "episode/tick": "episode",
 }
-"""Who publishes a topic that a fault can change."""
+"""Publishing node of each topic that a fault can change."""
 
 
 class Relay:
-    """Sends on what comes on a topic with BEFORE behind its name, as the weather of `network` has it."""
+    """Republishes the topic with suffix BEFORE, changed by the fault of `network` for this topic."""
 
     def __init__(self, node: Node, topic: str, network: Network, *, is_lockstep: bool):
         kind = find_message_class(BY_NAME[topic].type)
         incoming = outgoing = qos.LATCHED if BY_NAME[topic].latched else qos.EVENT
-        if topic in STREAMS:  # here none is to be lost by the relay itself
+        if topic in STREAMS:  # the relay itself must lose none
             incoming, outgoing = qos.RECORDER, qos.publisher(is_lockstep)
         self._topic, self._network, self._is_lossy, self._last = f"/{topic}", network, not is_lockstep, 0
         self._publisher = node.create_publisher(kind, topic, outgoing)
-        node.create_subscription(kind, topic + BEFORE, self._send_on, incoming, raw=True)
+        node.create_subscription(kind, topic + BEFORE, self._relay, incoming, raw=True)
 
-    def _send_on(self, data: bytes) -> None:
-        now, scheduler = self._network.weather.get(self._topic, Weather()), self._network.scheduler
-        is_lost = self._is_lossy and scheduler.rng.random() < now.loss  # who reads reliably loses nothing
-        if now.is_silent or is_lost:
+    def _relay(self, data: bytes) -> None:
+        fault, scheduler = self._network.topic_faults.get(self._topic, TopicFault()), self._network.scheduler
+        is_lost = self._is_lossy and scheduler.rng.random() < fault.loss  # reliable readers lose nothing
+        if fault.is_silent or is_lost:
             return
-        data = now.change(data) if now.change else data
-        when = max(self._last, scheduler.now + now.delay)
-        for _ in range(1 + (scheduler.rng.random() < now.duplicates)):
+        data = fault.change(data) if fault.change else data
+        when = max(self._last, scheduler.now + fault.delay)
+        for _ in range(1 + (scheduler.rng.random() < fault.duplicates)):
             if when > scheduler.now:
-                scheduler.at(when, lambda: self._publisher.publish(data))
-            else:  # at once: the relay may be in the loop of control
+                scheduler.call_at(when, lambda: self._publisher.publish(data))
+            else:  # at once: the relay may be in the control loop
                 self._publisher.publish(data)
         self._last = when

@@ -1,4 +1,4 @@
-"""Simulated time: a queue of events, and the clocks, locks and disk that nodes find in place of the machine's."""
+"""Simulated time: a queue of events, and the clocks, locks and disk that replace the machine's for nodes."""
 
 from __future__ import annotations
 
@@ -20,40 +20,40 @@ from np_record import bag_writer
 from np_ros.processes import domain
 
 SECOND = 1_000_000_000
-_EPOCH = 1_700_000_000 * SECOND  # ns, the wall clock at the beginning of a run
+_EPOCH = 1_700_000_000 * SECOND  # ns, wall clock at the start of a run
 _PACKAGES = ("np_ros.", "np_policy.", "np_control.", "np_planning.", "np_perception.", "np_sim_bridge.", "np_record.")
 
 
 class Scheduler:
-    """Runs events in the order of their time; equal times in the order in which they were asked for.
+    """Runs events in order of time; events of equal time in order of scheduling.
 
-    rng: draws everything that a run leaves to chance.
+    rng: the source of all random draws of a run.
     """
 
     def __init__(self, seed: int):
         self.rng = random.Random(seed)
         self.now = SECOND
-        """ns of the steady clock."""
+        """Steady clock, ns."""
         self.wall_offset = _EPOCH
-        """ns from the steady clock to the wall clock; a clock jump changes it."""
+        """Wall clock minus steady clock, ns; a clock jump changes it."""
         self._events: list[tuple[int, int, Callable[[], None]]] = []
         self._number = count()
 
     @property
     def wall(self) -> int:
-        """ns of the wall clock."""
+        """Wall clock, ns."""
         return self.now + self.wall_offset
 
-    def at(self, when: int, action: Callable[[], None]) -> None:
-        """Run `action` at `when` ns, or now where that is past."""
+    def call_at(self, when: int, action: Callable[[], None]) -> None:
+        """Run `action` at `when` ns, or now if that is past."""
         heapq.heappush(self._events, (when if when > self.now else self.now, next(self._number), action))
 
-    def after(self, delay: int, action: Callable[[], None]) -> None:
+    def call_after(self, delay: int, action: Callable[[], None]) -> None:
         """Run `action` in `delay` ns."""
-        self.at(self.now + delay, action)
+        self.call_at(self.now + delay, action)
 
     def run_until(self, end: int) -> None:
-        """Run every event up to `end` ns. An event may call this itself: a callback that sleeps lets others run."""
+        """Run every event up to `end` ns. An event may call this too: other events run while a callback sleeps."""
         events, take = self._events, heapq.heappop
         while events and events[0][0] <= end:
             when, _, action = take(events)
@@ -62,13 +62,13 @@ class Scheduler:
             action()
         self.now = max(self.now, end)
 
-    def draw(self, low: float, high: float) -> int:
-        """A time in ns between two in ms, small ones more often (log-uniform)."""
+    def draw_time(self, low: float, high: float) -> int:
+        """Draw a log-uniform time between `low` and `high` ms; returns ns."""
         return int(1e6 * math.exp(self.rng.uniform(math.log(low), math.log(high))))
 
 
 class _Time:
-    """The module `time` of a node."""
+    """Replaces the module `time` for nodes."""
 
     def __init__(self, scheduler: Scheduler):
         self._scheduler = scheduler
@@ -90,13 +90,13 @@ class _Time:
 
 
 class Locks:
-    """The files by which processes of one machine exclude each other."""
+    """Replaces the lock files of the machine."""
 
     def __init__(self) -> None:
         self._held: set[str] = set()
 
     def lock(self, path) -> SimpleNamespace | None:
-        """As np_ros.processes.locks.lock."""
+        """Take a lock as np_ros.processes.locks.lock does; None if it is held."""
         name = str(path)
         if name in self._held:
             return None
@@ -104,18 +104,18 @@ class Locks:
         return SimpleNamespace(close=lambda: self._held.discard(name))
 
     def release_all(self) -> None:
-        """The only process that takes a lock has died."""
+        """Release all locks, after the death of the only process that takes one."""
         self._held.clear()
 
 
 class Disk:
-    """The disk of the recorder; `room`: bytes until it is full, None for no end."""
+    """The disk of the recorder; `room`: bytes until it is full, None for unlimited."""
 
     def __init__(self) -> None:
         self.room: int | None = None
 
-    def file(self, *arguments) -> io.FileIO:
-        """A file without a buffer on this disk, as the writer of bags opens it."""
+    def open_file(self, *arguments) -> io.FileIO:
+        """Open an unbuffered file on this disk for the bag writer."""
         file = _FileOnDisk(*arguments)
         file.disk = self
         return file
@@ -128,14 +128,15 @@ class _FileOnDisk(bag_writer._Unbuffered):
         data, room = memoryview(data).cast("B"), self.disk.room
         if room is not None and len(data) > room:
             super().write(data[:room])
-            self.disk.room = None  # the writer keeps room for the end of a bag, and frees it before it writes that end
+            # The bag writer reserves room for the end of a bag and frees it before it writes that end.
+            self.disk.room = None
             raise OSError(errno.ENOSPC, "No space left on device")
         self.disk.room = None if room is None else room - len(data)
         return super().write(data)
 
 
 class _TurnQueue:
-    """A queue whose `put` waits until the item has been used: the thread behind it runs at the same point in every run."""
+    """A queue whose `put` waits until the consumer is done with the item, so that every run is deterministic."""
 
     def __init__(self) -> None:
         self._items: list = []
@@ -143,11 +144,11 @@ class _TurnQueue:
         self._began = self._is_dead = False
 
     def put(self, item) -> None:
-        if self._is_dead:  # killed while a callback slept: the callback does not go on
+        if self._is_dead:  # killed while a callback slept: the callback must not continue
             raise SystemExit
         self._items.append(item)
         self._filled.release()
-        if item is not None:  # after None its user ends, and is joined
+        if item is not None:  # None ends the consumer, which the caller then joins
             self._used.acquire()
 
     def get(self):
@@ -161,7 +162,7 @@ class _TurnQueue:
         return item
 
     def kill(self) -> None:
-        """End the thread as the death of its process does."""
+        """End the consumer's thread, as the death of its process does."""
         self._is_dead = True
         self._items.append(Disk)
         self._filled.release()
@@ -169,22 +170,22 @@ class _TurnQueue:
 
 @contextmanager
 def simulate_host(scheduler: Scheduler, locks: Locks, disk: Disk) -> Iterator[None]:
-    """Inside, the project's modules have the simulated clock, locks and disk in place of the machine's.
+    """Replace the machine's clock, locks and disk in the project's modules inside this context.
 
-    A module is given what it imported by name; what every process of its own would do to the collector of memory is left out.
+    Only modules that are loaded and import `time` or `gc` by name change; garbage collection requested by a node has no effect.
     """
     clock, collector = _Time(scheduler), SimpleNamespace(collect=lambda: 0, freeze=lambda: None)
     changes = [(domain, "lock", locks.lock), (bag_writer, "SimpleQueue", _TurnQueue)]
-    changes.append((bag_writer, "_Unbuffered", disk.file))
+    changes.append((bag_writer, "_Unbuffered", disk.open_file))
     for name, module in list(sys.modules.items()):
         if name.startswith(_PACKAGES):
             changes += [(module, "time", clock)] * (getattr(module, "time", None) is time)
             changes += [(module, "gc", collector)] * (getattr(module, "gc", None) is gc)
-    before = [(module, name, getattr(module, name)) for module, name, _ in changes]
+    originals = [(module, name, getattr(module, name)) for module, name, _ in changes]
     for module, name, value in changes:
         setattr(module, name, value)
     try:
         yield
     finally:
-        for module, name, value in before:
+        for module, name, value in originals:
             setattr(module, name, value)

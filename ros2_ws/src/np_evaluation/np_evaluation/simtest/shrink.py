@@ -1,4 +1,4 @@
-"""A failing run made smaller: fewer faults, and shorter ones, as long as the same promise is broken."""
+"""Shrinks a failing run: fewer and shorter faults that still break the same guarantee."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from np_evaluation.simtest.run import Run
 
 
 def play(plan: Plan) -> Report:
-    """Run a plan in a folder that is thrown away."""
+    """Run a plan in a temporary folder."""
     with tempfile.TemporaryDirectory() as folder:
         return Run(plan, Path(folder)).play()
 
 
 def shrink(report: Report) -> Report:
-    """The smallest run found that breaks a promise which `report` breaks: each fault left out, then each halved, is tried."""
+    """Find a smaller run that breaks a guarantee which `report` breaks: omit each fault in turn, then halve each."""
     kinds, best = set(report.violations), report
 
     def keep(plan: Plan) -> bool:
