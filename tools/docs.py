@@ -7,28 +7,36 @@ import json
 from pathlib import Path
 
 from pages import driver, effects, evaluations, objects, parameters, report_schema, setup_drawing, training
+from pages.markdown import fill
 
 ROOT = Path(__file__).resolve().parents[1]
 
 
 def generate(root: Path = ROOT) -> dict[str, str]:
-    """Text of every generated page by its path below docs."""
+    """Text of every page with generated parts, by its path."""
+    results = root / "docs/results"
+    hardware, readme = ((root / name).read_text(encoding="utf-8") for name in ("docs/guide/hardware.md", "README.md"))
+    stops = (evaluations.reflex_stops(results, ("bump", "wall"), engine) for engine in ("MuJoCo", "PhysX"))
     return {
-        "guide/images/setup.svg": setup_drawing.drawing(),
-        "reference/effects.md": effects.page(),
-        "reference/objects.md": objects.page(),
-        "reference/parameters.md": parameters.page(root),
-        "reference/report_schema.md": report_schema.page(),
-        "results/driver.md": driver.page(root / "docs/results/driver.json"),
-        "results/evaluations.md": evaluations.page(root / "docs/results"),
-        "results/training.md": training.page(root / "docs/results"),
+        "README.md": fill(
+            readme, successes=evaluations.summary(results), stops="In MuJoCo {}, in PhysX {}".format(*stops)
+        ),
+        "docs/guide/hardware.md": fill(hardware, forces=evaluations.forces_by_truth(results)),
+        "docs/guide/images/setup.svg": setup_drawing.drawing(),
+        "docs/reference/effects.md": effects.page(),
+        "docs/reference/objects.md": objects.page(),
+        "docs/reference/parameters.md": parameters.page(root),
+        "docs/reference/report_schema.md": report_schema.page(),
+        "docs/results/driver.md": driver.page(results / "driver.json"),
+        "docs/results/evaluations.md": evaluations.page(results),
+        "docs/results/training.md": training.page(results),
     }
 
 
 def main() -> None:
     """Write the pages below --out."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=ROOT / "docs")
+    parser.add_argument("--out", type=Path, default=ROOT)
     out = parser.parse_args().out
     written = generate()
     for name, text in written.items():

@@ -6,6 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from pages.markdown import fill
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "examples").glob("*.md"))]
@@ -88,8 +89,15 @@ def test_generated_pages_say_what_data_and_code_say():
     from docs import generate
 
     written = generate(ROOT)
-    differing = [page for page, wanted in written.items() if text(ROOT / "docs" / page) != wanted]
+    differing = [page for page, wanted in written.items() if text(ROOT / page) != wanted]
     assert not differing, "run `make docs`"
+
+
+@pytest.mark.parametrize("page", ["", "<!-- a --><!-- a --><!-- /a -->"])
+def test_a_generated_part_must_have_its_markers_once(page):
+    with pytest.raises(ValueError, match="expected <!-- a --> and <!-- /a --> once"):
+        fill(page, a="new")
+    assert fill("x <!-- a -->old<!-- /a --> y", a="new") == "x <!-- a -->new<!-- /a --> y"
 
 
 def test_results_stay_few():

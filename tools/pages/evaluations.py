@@ -1,15 +1,19 @@
-"""docs/results/evaluations.md: the cells of `make evaluate`, from the evaluation_*.json files beside it."""
+"""docs/results/evaluations.md and what other pages take from it: the cells of `make evaluate`, from the evaluation_*.json files beside it."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from statistics import median
 
 from pages.markdown import head, paragraph, rate, table
 
-TASKS = ("card", "bump", "wall")
+TASKS = {
+    "card": "slide",
+    "bump": "tumble a cube onto or over a step",
+    "wall": "draw a box onto a wall",
+}
 CELLS = {
     "MuJoCo, true corners": "truth",
     "MuJoCo, camera": "camera",
@@ -40,6 +44,39 @@ def read(folder: Path) -> Iterator[tuple[str, str, str, Mapping]]:
 def successes(data: Mapping) -> str:
     """Successes of episodes of a cell."""
     return f"{sum(e['success'] for e in data['per_episode'])} of {len(data['per_episode'])}"
+
+
+def summary(folder: Path) -> str:
+    """Table of successes by task and cell."""
+    found = {(task, name): successes(data) for task, name, _, data in read(folder)}
+    rows = (
+        (f"{task}: {motion}", *(found.get((task, name), "not played") for name in CELLS))
+        for task, motion in TASKS.items()
+    )
+    return "\n" + table(("task", *CELLS), rows)
+
+
+def reflex_stops(folder: Path, tasks: Collection[str], engine: str) -> str:
+    """Episodes of these tasks in an engine, MuJoCo or PhysX, that reach the driver's thresholds, as `N of M`."""
+    cells = [data for task, name, _, data in read(folder) if task in tasks and name.startswith(engine)]
+    return f"{sum(c['reflex_stops']['40'] for c in cells)} of {sum(c['force_episodes'] for c in cells)}"
+
+
+def forces_by_truth(folder: Path) -> str:
+    """Table of the forces of episodes with true corners."""
+    rows = [
+        (task, name.partition(",")[0])
+        + tuple(f"{data[kind]['median']:.0f} / {data[kind]['max']:.0f}" for kind in ("raw_peak_n", "force_n"))
+        + tuple(
+            f"{n} of {data['force_episodes']}"
+            for n in (data["reflex_stops"]["40"], data["reflex_stops"]["25"], data["peak_by"].get("housing", 0))
+        )
+        for task, name, _, data in read(folder)
+        if name.endswith("true corners")
+    ]
+    header = ("task", "engine", "raw peak, median / largest, N", "filtered, median / largest, N")
+    counts = ("beyond the driver's thresholds", "beyond 25 N and lower torques", "hand's housing presses hardest")
+    return "\n" + table((*header, *counts), rows)
 
 
 def page(folder: Path) -> str:

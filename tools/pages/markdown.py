@@ -1,4 +1,4 @@
-"""Pieces of a page: tables, numbers, the line that names its source."""
+"""Pieces of a page: tables, numbers, the line that names its source, generated parts of a page written by hand."""
 
 from __future__ import annotations
 
@@ -18,6 +18,17 @@ def head(title: str, source: str, text: str = "") -> str:
 def paragraph(text: str) -> str:
     """The text in lines of at most WIDTH characters; words longer than that stay whole."""
     return textwrap.fill(" ".join(text.split()), WIDTH, break_long_words=False, break_on_hyphens=False)
+
+
+def fill(page: str, **parts: str) -> str:
+    """Replace each named part of a page, the text between `<!-- name -->` and `<!-- /name -->`. ValueError if either is missing or repeated."""
+    for name, content in parts.items():
+        begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
+        if page.count(begin) != 1 or page.count(end) != 1:
+            raise ValueError(f"expected {begin} and {end} once, got {page.count(begin)} and {page.count(end)}")
+        before, after = page.split(begin)[0], page.split(end)[1]
+        page = before + begin + content + end + after
+    return page
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
