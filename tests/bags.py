@@ -1,6 +1,7 @@
 """A recorded episode made by hand, for tests of what reads bags."""
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.serialization import serialize_message
 
 from np_common.rotations import yaw_quaternion
@@ -45,13 +46,16 @@ def joints(time):
     return position, 0.1 * np.cos(angle), effort, position[..., :7] + effort[..., :7] / STIFFNESS_MAX
 
 
-def record_episode(path, count=1500, phases=PHASES, information=None, leave_out=()):
-    """Write a bag of `count` control periods, without the topics in `leave_out`, to `path` and return it."""
+def record_episode(path, count=1500, phases=PHASES, information=None, leave_out=(), lost=(), reports=None):
+    """Write a bag of `count` control periods, without the topics in `leave_out`, to `path` and return it.
+
+    lost: steps without state and command. reports: {step: {node: values}}, messages on `diagnostics`.
+    """
     writer = BagWriter(path, {"seed": 0, "domain": "card", "image_rate": 10, **(information or {})})
     sequencer = Sequencer(writer.write)
 
     def add(name, step, message):
-        if name not in leave_out:
+        if name not in leave_out and not (step in lost and name in ("joint_states", "effort_command")):
             sequencer.add(BY_NAME[name], serialize_message(message), step * 1000 + (name != TIMELINE.name))
 
     for step in range(count):
@@ -61,6 +65,10 @@ def record_episode(path, count=1500, phases=PHASES, information=None, leave_out=
         add("external_wrench", step, wrench_message(stamp, BASE_FRAME, 6 * effort[:6]))
         answer = joint_state_message(stamp, JOINT_NAMES, target, speed[:7], effort[:7])
         add("effort_command", step, answer)
+        for node, values in (reports or {}).get(step, {}).items():
+            pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+            status = DiagnosticStatus(name=f"/{node}", message="running", values=pairs)
+            add("diagnostics", step, DiagnosticArray(status=[status]))
         if step in phases:
             add("episode/phase", step, phase_message(phases[step]))
         if step == 0:

@@ -197,6 +197,28 @@ def test_a_driver_counts_commands_and_lost_cycles_and_says_what_broke_last(robot
     assert driver.cycle() is None and not driver.arm.is_connected  # nobody connects unasked
 
 
+def test_a_driver_measures_its_replies_and_the_work_beyond_a_cycle(robot, monkeypatch):
+    """The host's clock moves only while the driver thinks: 0.4 ms, then 30 ms."""
+    now = [0.0]
+    monkeypatch.setattr("np_franka.driver.monotonic", lambda: now[0])
+    driver = started(robot)
+    thinks = iter([0.0004, 0.0004, 0.03])
+
+    def take(torque, last):
+        now[0] += next(thinks)
+        robot.written.append((torque, last))
+
+    monkeypatch.setattr(robot, "write", take)
+    for _ in range(3):
+        driver.cycle()
+    assert (driver.replies.count, driver.replies.longest) == (3, pytest.approx(0.03))
+    assert driver.replies.percentile(50) == pytest.approx(0.0004, abs=2e-5)
+    assert driver.overrun == 0.0  # the longest one has not ended
+    monkeypatch.setattr(robot, "write", lambda torque, last: None)
+    driver.cycle()
+    assert driver.overrun == pytest.approx(0.029)
+
+
 @pytest.mark.parametrize("failing, taken", [("write", True), ("start", False)])
 def test_a_robot_that_takes_no_torque_is_at_fault_and_still_read(robot, failing, taken, monkeypatch):
     def refuse(*arguments):

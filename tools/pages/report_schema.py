@@ -10,18 +10,18 @@ from pages.markdown import head, table
 
 INTRODUCTION = """`report.json` of `ros2 run np_diagnosis diagnose` keeps this schema
 (`sim2real/data/gap_report.schema.json`) and may have keys beyond it. `[]` stands for each item of a
-list, `<name>` for each key. [How to read it](../guide/read_the_report.md)."""
+list, `<name>` for each key, `*` for a key that is always there. [How to read it](../guide/read_the_report.md)."""
 
 
 def page() -> str:
     """The page: one row a key."""
     schema = json.loads((files("sim2real") / "data" / "gap_report.schema.json").read_text(encoding="utf-8"))
     return head("The report of the diagnosis", "its schema", INTRODUCTION) + table(
-        ("key", "type", "required", "meaning"), rows(schema, "")
+        ("key", "type", "meaning"), rows(schema, "")
     )
 
 
-def rows(schema: Mapping, prefix: str) -> Iterator[tuple[str, str, str, str]]:
+def rows(schema: Mapping, prefix: str) -> Iterator[tuple[str, str, str]]:
     """The keys of an object, with those inside them."""
     required = schema.get("required", ())
     properties = dict(schema.get("properties", {}))
@@ -29,7 +29,7 @@ def rows(schema: Mapping, prefix: str) -> Iterator[tuple[str, str, str, str]]:
         properties["<name>"] = schema["additionalProperties"]
     for name, of in properties.items():
         path = f"{prefix}{name}"
-        yield f"`{path}`", kind(of), "yes" if name in required else "", of.get("description", "")
+        yield f"`{path}`{'*' * (name in required)}", kind(of), of.get("description", "")
         yield from rows(of, f"{path}.")
         if isinstance(of.get("items"), Mapping):
             yield from rows(of["items"], f"{path}[].")

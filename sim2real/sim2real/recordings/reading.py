@@ -16,7 +16,9 @@ from np_description.panda import JOINT_NAMES
 from np_record.bag import BagError, Recording, TopicMessages
 from np_record.bulk import has_joint, read_joint_positions, read_joint_states
 from np_record.recorded_phases import PHASE_TOPICS, read_phase_changes
+from sim2real.checks.control_loop import find_loop_timing
 from sim2real.recordings.fresh_rows import find_fresh_rows
+from sim2real.recordings.loop_record import read_loop_record
 from sim2real.recordings.signals import Commands, Log
 from sim2real.thresholds import THRESHOLDS
 
@@ -87,6 +89,7 @@ def load_bag(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) 
             commanded, answers = _if_of_joints(name, raw.get("effort_command"), joints)
             motor_stamp, motor = _if_of_joints(name, raw.get("motor_states"), joints)
             phases = read_phase_changes(name, raw)
+            loop = read_loop_record(recording, stamp, commanded)
     except BagError as error:
         raise bag_violation(path, error) from error
     _check_order(f"{name}: joint_states", stamp / SECOND)
@@ -97,7 +100,8 @@ def load_bag(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) 
     try:
         _check_times(name, stamp / SECOND, PERIOD if is_panda else None)
     except ContractViolation as error:
-        raise ContractViolation(f"{error}{_repeated(fresh)}") from error
+        timing = " ".join(fault.sentence for fault in find_loop_timing(loop).faults)
+        raise ContractViolation(f"{error}{_repeated(fresh)}{timing and f'. {timing}'}") from error
     time = (stamp - stamp[0]) / SECOND
     period = PERIOD if is_panda else float(np.median(np.diff(time)))
     return Log(
@@ -111,6 +115,7 @@ def load_bag(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) 
         _commands(name, stamp, time, commanded, answers, gains, period),
         _motor(stamp, motor_stamp, motor),
         tuple(((at - stamp[0]) / SECOND, state) for at, state in phases),
+        loop=loop,
     )
 
 

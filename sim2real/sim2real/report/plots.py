@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from np_common.html_pages import style, svg
+from sim2real.checks.control_loop import LOCKSTEP, LOOP, LoopTiming
 from sim2real.diagnosis import Diagnosis
 from sim2real.effects.joint_dynamics.friction_curve import EFFECT as CURVE
 from sim2real.effects.joint_dynamics.friction_curve import SPEEDS, WAYS, value_name
@@ -83,6 +84,38 @@ def friction_plot(diagnosis: Diagnosis, findings: Sequence[Finding]) -> str:
         figure.supxlabel("speed (rad/s)", fontsize=8)
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, fontsize=8, loc="outside upper right", ncols=3, frameon=False)
+        return svg(figure)
+
+
+def loop_plot(timing: LoopTiming, duration: float) -> str:
+    """Losses and gaps of the stamps over the s of one recording; "" where nothing was counted and no stamp is late."""
+    counted = timing.lost[timing.lost[:, 1] > 0]
+    if timing.status == LOCKSTEP or not (len(timing.lost) or len(timing.state_gaps) or len(timing.command_gaps)):
+        return ""
+    with style():
+        figure = Figure(figsize=(WIDTH, 2.8), layout="constrained")
+        upper, lower = figure.subplots(2, 1, sharex=True)
+        if len(timing.lost):
+            upper.bar(counted[:, 0] - 1.0, counted[:, 1], 1.0, color=AFTER)  # reported up to two seconds later
+            upper.set_ylim(0.0, max(1.0, 1.1 * timing.lost[:, 1].max()))
+        else:
+            upper.text(0.5, 0.5, "not recorded", transform=upper.transAxes, ha="center", va="center", color=BEFORE)
+            upper.set_yticks([])
+        upper.set_ylabel("lost")
+        for gaps, colour, mark, text in (
+            (timing.command_gaps, BACKWARDS, "x", "effort_command"),
+            (timing.state_gaps, AFTER, "o", "joint_states"),
+        ):
+            lower.plot(gaps[:, 0], gaps[:, 1], mark, color=colour, ms=4, label=text, clip_on=False)
+        longest = max([*timing.state_gaps[:, 1], *timing.command_gaps[:, 1], 4.0])
+        lower.set_ylim(0.0, 1.1 * longest)
+        limit = 1e3 * LOOP.in_a_row * LOOP.cycle
+        if timing.lost_cycles is not None and longest > limit / 2:
+            lower.axhline(limit, color="#b02020", lw=1, ls="--", label="the robot ends the motion")
+        lower.set_ylabel("gap (ms)")
+        lower.set_xlim(0.0, duration)
+        lower.set_xlabel("time (s)")
+        figure.legend(*lower.get_legend_handles_labels(), fontsize=8, loc="outside upper right", ncols=3, frameon=False)
         return svg(figure)
 
 

@@ -18,6 +18,7 @@ class Thresholds:
 
     recordings: checks.Recordings = checks.Recordings()
     wiring: wiring.Wiring = wiring.Wiring()
+    control_loop: checks.ControlLoop = checks.ControlLoop()
     plausibility: checks.Plausibility = checks.Plausibility()
     effort: checks.Effort = checks.Effort()
     current: checks.Current = checks.Current()

@@ -41,6 +41,34 @@ class Recordings:
 
 
 @dataclass(frozen=True)
+class ControlLoop:
+    """When the timing of a control loop is disturbed or broken, and why (`checks.control_loop`)."""
+
+    cycle: float = 1e-3
+    """s, control cycle of a Franka."""
+    in_a_row: int = 20
+    """Lost cycles in a row after which the robot ends the motion (FCI documentation, "Network bandwidth, delay and jitter test")."""
+    success: float = 0.95
+    """Mean `control_command_success_rate` below which libfranka's `communication_test` reports that many packets got lost."""
+    reply: float = 0.5e-3
+    """s from a state to its command that are left of a cycle beside the network, whose round trip may take as long (FCI documentation)."""
+    lost: float = 1e-3
+    """Share of cycles whose loss is a disturbance."""
+    burst: int = 5
+    """Lost cycles in a row that are one."""
+    late: float = 0.01
+    """Share of late or missing commands, targets and recorded states that is a disturbance; a smaller `packet_loss` is not found either."""
+    accounted: float = 0.5
+    """Share of the lost time that a cause must account for."""
+    settled: float = 2.5
+    """s after which the diagnostics, once a second, have counted a loss; a longer pause between two of them leaves the loop unknown."""
+    covered: float = 0.8
+    """Share of a recording that diagnostics must cover before a loop counts as steady."""
+    pause: float = 1.0
+    """s without targets that are a pause of the policy."""
+
+
+@dataclass(frozen=True)
 class Plausibility:
     """Units, signs and order of joints (`checks.plausibility`)."""
 

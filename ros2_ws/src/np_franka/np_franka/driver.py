@@ -59,6 +59,8 @@ class Driver:
         self.error = ""  # what broke last, even where a stop came first
         self._read_at: float | None = None
         self.times = CycleTimes()  # since the arm was taken under control or recovered last
+        self.replies = CycleTimes()  # from a state until its command is written; the node clears them
+        self.overrun = 0.0  # s of work beyond the robot's cycle, in all
 
     @property
     def state(self) -> State:
@@ -101,6 +103,7 @@ class Driver:
             return Cycle(self.stamp, reading, replace(applied, torque=np.zeros(7)))
         try:
             self.arm.write(applied.torque)
+            self.replies.add(monotonic() - self._read_at)
         except ArmError as error:
             self._fault(str(error))
         clamped, thought = self._think()
@@ -216,6 +219,8 @@ class Driver:
         self.arm.start()
 
     def _read(self) -> ArmReading:
+        if self._read_at is not None:
+            self.overrun += max(0.0, monotonic() - self._read_at - CYCLE_NS * 1e-9)
         before, reading = self._reading, self.arm.read()
         now = monotonic()
         if self._read_at is not None:

@@ -172,10 +172,19 @@ _TWIN = "another node of this name is in this ROS domain: two launches? end one,
 _INFRASTRUCTURE = ("/rosout", "/parameter_events", "/diagnostics")
 
 
+def _processor_wait() -> dict[str, float]:
+    """`processor_wait_ms`: for how long this thread could have run and had no processor, since it began; {} where the kernel does not count it."""
+    try:
+        with open("/proc/thread-self/schedstat", encoding="ascii") as file:
+            return {"processor_wait_ms": round(int(file.read().split()[1]) * 1e-6, 1)}
+    except (OSError, IndexError):
+        return {}
+
+
 class Diagnostics:
     """One DiagnosticStatus of a node on `diagnostics`, once a second and whenever `publish` is called.
 
-    `values` are shown as they are, with the subscribers that the node's publishers have found; `count` adds
+    `values` are shown as they are, with the thread's wait for a processor and the subscribers found; `count` adds
     up events such as refused commands. The level is that of the last call of `report`, at least WARN for one
     period after something was counted as a problem.
     """
@@ -238,7 +247,7 @@ class Diagnostics:
             level, message = DiagnosticStatus.WARN, self._problem
         if self._has_twin and level == DiagnosticStatus.OK:
             level, message = DiagnosticStatus.WARN, _TWIN
-        pairs = {**self.values, **self.counts, SUBSCRIBERS: self._subscribers()}
+        pairs = {**self.values, **self.counts, **_processor_wait(), SUBSCRIBERS: self._subscribers()}
         status = DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name(),

@@ -241,6 +241,9 @@ class FrankaDriver(Node):
         values.update(cycles=times.count, cycle_rate_hz=round(times.rate, 1))
         for name, percent in (("p50", 50), ("p99", 99), ("max", 100)):
             values[f"cycle_{name}_ms"] = round(times.percentile(percent) * 1e3, 3)
+        values["reply_p99_ms"] = round(self._driver.replies.percentile(99) * 1e3, 3)  # of the last second
+        self._driver.replies.clear()
+        values["overrun_ms"] = round(self._driver.overrun * 1e3, 1)
         limited = self._driver.filter.limited
         values.update({f"limited_{name}": count for name, count in limited.items() if count})
         self._tell()  # what is wrong with hand and clock changes without the state

@@ -135,6 +135,7 @@ class Bridge(Node):
             self._coast = self.create_timer(0.001, self._on_coast, clock=steady)
             self._coast.cancel()
         else:
+            self.diagnostics.counts["missed_periods"] = 0  # a recording without a miss shows that they were counted
             self.create_timer(PERIOD / SECOND, self._on_period, clock=steady)
 
     # Commands
