@@ -42,7 +42,7 @@ TESTS = (
     "np_franka/test_franka_driver.py",
     "np_franka/test_franka_onboard.py",
     "np_policy/test_contract.py",
-    "np_policy/test_episode.py",
+    "np_policy/test_episode*.py",
     "np_policy/test_policy.py",
     "np_planning/test_ros2_control.py",
 )

@@ -1,10 +1,11 @@
-"""The controller in closed loop with MuJoCo, and its rules on targets, beginnings and repetitions."""
+"""The controller in closed loop with MuJoCo, and its rules on targets, states and trajectories."""
 
 from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
+from controller_tools import PERIOD, READY, SOFT, ZERO, Arm, answers, quintic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
@@ -12,70 +13,11 @@ from scipy.interpolate import CubicSpline
 from np_control.controller import Controller, ControllerConfig
 from np_control.impedance import DAMPING_RATIO_MAX, STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics, pose_distance, solve_ik
-from np_control.lockstep_input import LockstepCommandInput
-from np_control.realtime_input import RealtimeCommandInput
-from np_control.safety import LIMITS, Reason, Refusal, SafetyFilter, State
+from np_control.safety import LIMITS, Reason, Refusal, State
 from np_control.trajectory import make_trajectory
-from np_description.domains import CARD
-from np_description.panda import NOMINAL
-from np_description.phases import PhaseState
-from np_description.scene import load_model
 
-PERIOD = LIMITS.period_ns
-READY = NOMINAL.ready
-ZERO = np.zeros(7)
 BEYOND = 0.00885  # m, from T_E to the end of the fingertips
 LATENCY = ControllerConfig.policy_latency_ns
-SOFT = STIFFNESS_MIN, np.ones(7)
-
-
-class Arm:
-    """The simulated arm behind a safety filter, one period at a time; q: where it begins, its ready posture where None."""
-
-    def __init__(self, controller, contacts=False, q=None):
-        self.model = load_model(CARD)
-        if not contacts:
-            self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-        self.data = mujoco.MjData(self.model)
-        mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
-        if q is not None:
-            self.data.qpos[:7] = self.data.ctrl[:7] = q
-        self.controller = controller
-        self.safety = SafetyFilter()
-        self.safety.start(self.q)
-        self.stamp = 0
-        self.observe()
-
-    @property
-    def q(self):
-        return self.data.qpos[:7].copy()
-
-    @property
-    def dq(self):
-        return self.data.qvel[:7].copy()
-
-    def observe(self):
-        self.controller.observe(self.stamp, self.q, self.dq)
-
-    def step(self):
-        answer = self.controller.answer()
-        self.safety.offer(answer.stamp, NOMINAL.joints, answer.position, answer.velocity, answer.torque, now=self.stamp)
-        applied = self.safety.apply(self.stamp, self.q, self.dq)
-        # The backend's guards agree with the controller's.
-        np.testing.assert_array_equal(applied.torque, answer.torque)
-        error = answer.position - self.q
-        self.data.ctrl[:7] = applied.torque
-        mujoco.mj_step(self.model, self.data)
-        self.stamp += PERIOD
-        self.observe()
-        return answer, error
-
-
-def quintic(goal, duration, count=21):
-    """Rest to rest from ready, smooth in acceleration."""
-    s = np.linspace(0, 1, count)[:, None]
-    share, rate = s**3 * (10 - 15 * s + 6 * s * s), 30 * s**2 * (1 - s) ** 2 / duration
-    return make_trajectory(s[:, 0] * duration, READY + share * (goal - READY), rate * (goal - READY), LIMITS)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -272,15 +214,6 @@ def test_a_trajectory_from_elsewhere_is_refused():
     assert refusal.value.reason is Reason.START
 
 
-def answers(controller, periods, first=0):
-    """The answers of so many periods, from period `first` on, with the arm at its ready posture."""
-    given = []
-    for stamp in range(first * PERIOD, (first + periods) * PERIOD, PERIOD):
-        controller.observe(stamp, READY, ZERO)
-        given.append(controller.answer())
-    return given
-
-
 @given(st.integers(1, 700), st.sampled_from([Controller.stop, Controller.hold]))
 @settings(max_examples=30, deadline=None)
 def test_a_trajectory_broken_off_comes_to_rest_on_its_path(moment, break_off):
@@ -332,229 +265,6 @@ def test_a_stop_leaves_a_target_with_its_gains():
     after = answers(controller, 50, first=50)[-1]
     np.testing.assert_array_equal(after.position, before.position)
     np.testing.assert_allclose(after.torque, before.torque)
-
-
-@pytest.mark.parametrize("end", ["failed", "succeeded", "fault"])
-def test_after_an_episode_nothing_is_followed_until_the_next(end):
-    controller = Controller()
-    following = RealtimeCommandInput(controller)
-    answers(controller, 1)
-    for phase in ("pre", "approach"):
-        following.enter(phase)
-    following.trajectory(quintic(READY + 0.3, 1.0), 0)
-    moving = answers(controller, 200)[-1]
-    following.enter(end)
-    rest = answers(controller, 150, first=200)[-1]
-    assert np.abs(rest.position - moving.position).max() < 0.1 and (rest.velocity == 0).all()
-    with pytest.raises(Refusal, match=f"expected an episode under way.*phase is {end}"):
-        following.trajectory(quintic(READY + 0.3, 1.0))
-    following.gains(np.stack(SOFT))
-    with pytest.raises(Refusal, match="expected an episode under way"):
-        following.pose(0, forward_kinematics(READY))
-    following.enter("pre")
-    following.trajectory(quintic(READY + 0.3, 1.0))
-
-
-def test_a_plan_that_comes_before_the_episode_has_taken_it_waits():
-    following = RealtimeCommandInput(controller := Controller())
-    answers(controller, 1)
-    following.enter("pre")
-    assert not following.trajectory(quintic(READY + 0.3, 1.0)) and following.has_plan
-    assert (answers(controller, 50, first=1)[-1].position == READY).all()
-    assert following.enter("approach") and not following.has_plan
-    assert (answers(controller, 50, first=51)[-1].position != READY).any()
-
-
-@pytest.mark.parametrize("refuse", [lambda f: f.enter("failed"), lambda f: f.begin(), lambda f: f.forget()])
-def test_a_plan_that_the_episode_does_not_take_is_not_followed(refuse):
-    following = RealtimeCommandInput(controller := Controller())
-    answers(controller, 1)
-    following.enter("pre")
-    following.trajectory(quintic(READY + 0.3, 1.0))
-    refuse(following)
-    assert not following.enter("pre") and not following.enter("approach")
-    assert (answers(controller, 50, first=1)[-1].position == READY).all()
-
-
-def test_an_arm_that_comes_back_in_the_middle_of_an_episode_is_not_moved():
-    """A driver that was restarted: the policy goes on, but not for this arm."""
-    following = RealtimeCommandInput(controller := Controller())
-    answers(controller, 1)
-    for phase in ("pre", "approach", "post"):
-        following.enter(phase)
-    following.begin()
-    following.gains(np.stack(SOFT))
-    with pytest.raises(Refusal, match="with the arm as it was"):
-        following.pose(0, forward_kinematics(READY))
-    following.enter("failed")
-    following.enter("pre")
-    following.gains(np.stack(SOFT))
-    assert following.pose(0, forward_kinematics(READY)) is False
-
-
-@pytest.mark.parametrize("is_heard_first", [True, False])
-def test_a_driver_that_comes_in_the_middle_of_an_episode_follows_from_the_next_on(is_heard_first):
-    """The phase is latched: it may be heard before the first state or after it."""
-    following = RealtimeCommandInput(controller := Controller())
-    answers(controller, 1)
-    if is_heard_first:
-        following.enter("post")
-    following.begin()
-    following.enter("post")
-    with pytest.raises(Refusal, match="with the arm as it was"):
-        following.trajectory(quintic(READY + 0.3, 1.0))
-    following.enter("pre")
-    following.enter("approach")
-    following.trajectory(quintic(READY + 0.3, 1.0))
-
-
-def lead(following, phase):
-    """As far as a phase, its owner alive."""
-    for each in dict.fromkeys(("pre", phase)):
-        following.enter(each)
-
-
-@given(st.integers(1, 500), st.sampled_from(["approach", "excite"]))
-@settings(max_examples=8, deadline=None, derandomize=True)
-def test_the_arm_is_at_rest_within_300_ms_of_the_last_heartbeat(last, phase):
-    """At up to 1.5 rad/s, wherever on the way the owner of the phase dies."""
-    arm = Arm(Controller())
-    following, losses = RealtimeCommandInput(arm.controller), []
-    lead(following, phase)
-    following.trajectory(quintic(READY + 0.8 * np.array([1, 0.5, 1, -0.5, 1, 1, 1]), 1.0))
-    for period in range(last + 200):
-        if period <= last:
-            following.heartbeat(phase)
-        try:
-            following.check_owner()
-        except Refusal as refusal:
-            losses.append(refusal)
-        arm.step()
-        if period > last + 150:
-            assert np.abs(arm.dq).max() < LIMITS.rest_speed
-    assert len(losses) == 1 and losses[0].reason is Reason.HEARTBEAT
-    assert f"episode/heartbeat in phase {phase}" in str(losses[0])
-    if phase == "approach":  # an experiment's plan is sent by the owner itself
-        with pytest.raises(Refusal, match="heartbeat"):
-            following.trajectory(quintic(arm.q, 1.0))
-
-
-@pytest.mark.parametrize("gap", [60, 63])  # periods: 120 ms, 126 ms
-def test_a_trajectory_goes_on_as_long_as_heartbeats_come(gap):
-    following = RealtimeCommandInput(controller := Controller(limits=replace(LIMITS, press=np.inf)))
-    answers(controller, 1)
-    lead(following, "approach")
-    following.trajectory(quintic(READY + 0.3, 1.0), 0)
-    for period in range(1, 500):
-        if period % gap == 0:
-            following.heartbeat("approach")
-            following.heartbeat("pre")  # of another phase than the one in force
-        try:
-            following.check_owner()
-        except Refusal:
-            assert gap == 63
-        answers(controller, 1, first=period)
-    assert (np.abs(answers(controller, 1, first=500)[0].position - READY - 0.3).max() < 1e-6) == (gap == 60)
-
-
-@pytest.mark.parametrize("phase", ["pre", "approach", "post"])
-def test_a_plan_that_comes_when_the_owner_is_no_more_is_refused(phase):
-    """Also where the owner has been started again, and says that nothing is under way."""
-    following = RealtimeCommandInput(controller := Controller())
-    answers(controller, 1)
-    lead(following, phase)
-    answers(controller, 80, first=1)
-    with pytest.raises(Refusal, match="heartbeat: expected episode/heartbeat in phase"):
-        following.trajectory(quintic(READY + 0.3, 1.0))
-    following.enter("idle")
-    with pytest.raises(Refusal, match="expected an episode under way"):
-        following.trajectory(quintic(READY + 0.3, 1.0))
-    following.enter("pre")
-    following.trajectory(quintic(READY + 0.3, 1.0))
-
-
-def test_without_an_episode_everything_is_followed():
-    following = RealtimeCommandInput(controller := Controller())
-    answers(controller, 1)
-    following.begin()
-    following.trajectory(quintic(READY + 0.3, 1.0))
-    following.enter("idle")
-    following.trajectory(quintic(READY + 0.3, 1.0))
-
-
-TICK = 50 * PERIOD
-
-
-def test_the_gate_opens_only_for_what_belongs_to_the_tick():
-    gate = LockstepCommandInput(TICK)
-    assert gate.missing(TICK + PERIOD) is None and gate.take(TICK + PERIOD) is None
-    gate.trajectory(TICK, "plan of this tick")
-    gate.tick(0, PhaseState("approach"))
-    assert gate.missing(TICK) == "episode/tick"
-    gate.tick(TICK, PhaseState("approach"))
-    assert gate.missing(TICK) is None
-    assert gate.take(TICK).trajectory == ("plan of this tick", None)
-    gate.tick(2 * TICK, PhaseState("approach"))
-    assert gate.missing(2 * TICK) is None and gate.take(2 * TICK).trajectory is None  # it runs already
-    gate.tick(3 * TICK, PhaseState("post"))
-    gate.pose(2 * TICK, "pose of another tick")
-    assert gate.missing(3 * TICK) == "target_pose"
-    gate.pose(3 * TICK, "pose")
-    assert gate.missing(3 * TICK) == "target_gains"
-    gate.gains("gains")
-    assert gate.missing(3 * TICK) is None
-    assert gate.take(3 * TICK).target == ("pose", "gains")
-    gate.tick(4 * TICK, PhaseState("post"))
-    gate.gains("gains")
-    assert gate.missing(4 * TICK) == "target_pose"
-
-
-def test_the_gate_waits_for_a_plan_in_every_episode():
-    gate = LockstepCommandInput(TICK)
-    for start in (0, 10 * TICK):
-        gate.tick(start, PhaseState("pre"))
-        assert gate.missing(start) is None
-        gate.take(start)
-        gate.tick(start + TICK, PhaseState("approach"))
-        assert gate.missing(start + TICK) == "joint_trajectory"
-        gate.trajectory(start + TICK, None)
-        assert gate.missing(start + TICK) is None
-        assert gate.take(start + TICK).trajectory is None
-
-
-def test_the_gate_pairs_each_experiment_with_its_gains():
-    gate = LockstepCommandInput(TICK)
-    for number, name in enumerate(("dwell", "chirp")):
-        experiment = PhaseState("excite", experiment=name)
-        start = 4 * number * TICK
-        gate.tick(start, experiment)
-        assert gate.missing(start) == "joint_trajectory"
-        gate.trajectory(start, name)
-        assert gate.missing(start) == "target_gains"
-        gate.gains(number)
-        assert gate.missing(start) is None
-        assert gate.take(start).trajectory == (name, number)
-        gate.tick(start + TICK, experiment)
-        assert gate.missing(start + TICK) is None and gate.take(start + TICK).trajectory is None
-
-
-@pytest.mark.parametrize("plan, gains", [(None, "gains"), ("plan", None)])
-def test_a_refused_half_of_an_experiment_answers_the_tick_but_moves_nothing(plan, gains):
-    gate = LockstepCommandInput(TICK)
-    gate.tick(TICK, PhaseState("excite", experiment="dwell"))
-    gate.trajectory(TICK, plan)
-    gate.gains(gains)
-    assert gate.missing(TICK) is None
-    assert gate.take(TICK).trajectory is None
-
-
-def test_a_refused_half_of_a_target_answers_the_tick_but_moves_nothing():
-    gate = LockstepCommandInput(TICK)
-    gate.tick(TICK, PhaseState("post"))
-    gate.gains(None)
-    gate.pose(TICK, "pose")
-    assert gate.missing(TICK) is None
-    assert gate.take(TICK).target is None
 
 
 @pytest.mark.parametrize("reason, q, dq", [(Reason.POSITION, 1e308, 0.0), (Reason.VELOCITY, 0.0, -1e300)])

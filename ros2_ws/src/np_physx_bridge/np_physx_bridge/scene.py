@@ -195,7 +195,7 @@ class Translator:
         """A flat fingertip on its finger: it gives way along it, with spring and damper of rubber.
 
         PhysX's solver goes from contact to contact. On a card of 8 g between a table and an arm of 10 kg it does not converge: a hand that
-        came down at .13 m/s sank 1.7 mm into it. It flew up again with .87 of its speed, and hardly touched the card. With a tip as light as the card, and rubber's damper, it is .56, in MuJoCo .49 (`tests/np_physx_bridge/test_physx.py`)."""
+        came down at .13 m/s sank 1.7 mm into it. It flew up again with .87 of its speed, and hardly touched the card. With a tip as light as the card, and rubber's damper, it is .56, in MuJoCo .49 (`tests/np_physx_bridge/test_physx_contacts.py`)."""
         model, rubber = self._model, self._contact.rubber
         place = self._sapien.Pose(model.geom_pos[geom], model.geom_quat[geom])
         pad = self._physx.PhysxArticulationLinkComponent(finger)

@@ -40,7 +40,7 @@ def press_with_corners(physx: ModuleType, box, half_size, material, pose) -> lis
 
     PhysX holds a patch by two of its points, with half of its load each, and counts to it what is within the contact offset: leaned by 3 to 10
     degrees, a pad turned a card by an edge that was in the air, by 22 degrees where it slips by the law of Coulomb. Each sphere has friction of
-    its own, by its own load (`tests/np_physx_bridge/test_physx.py`). half_size (3,) m; pose: the library's Pose.
+    its own, by its own load (`tests/np_physx_bridge/test_physx_contacts.py`). half_size (3,) m; pose: the library's Pose.
     """
     corners = _corners(physx, box, half_size, material, pose, TIP_CORNER_RADIUS, TIP_CORNER_PROUD)
     for corner in corners:
