@@ -8,7 +8,9 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_tools import Graph
 from sensor_msgs.msg import JointState
+from sim2real.checks.control_loop import find_loop_timing
 from sim2real.excitation.suite import LOW_DAMPING, make_suite
+from sim2real.recordings.loop_record import read_loop_record
 
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS
@@ -68,6 +70,8 @@ def test_an_experiment_is_followed_and_recorded(request, tmp_path, mode):
                 "joint_states",
             )
         }
+        stamps = [np.unique(recording.times(name)[0]) for name in ("joint_states", "effort_command")]
+        timing = find_loop_timing(read_loop_record(recording, *stamps))
     named = PhaseState(EXCITE, experiment="sinusoid_7")
     assert [phase_state(m) for m in decoded["episode/phase"]] == [named, PhaseState(IDLE)]
     assert list(dict.fromkeys(phase_state(m) for m in decoded["episode/tick"])) == [PhaseState(IDLE), named]
@@ -77,6 +81,8 @@ def test_an_experiment_is_followed_and_recorded(request, tmp_path, mode):
     assert np.allclose(positions, expected.positions, atol=1e-3)
     assert times[-1] == pytest.approx(expected.duration)
     assert (gains_array(gains) == expected.gains).all()
+    assert timing.status in ({"lockstep"} if lockstep else {"steady", "disturbed"}) and not timing.broken_sentence
+    assert lockstep or len(timing.lost) > 3  # the simulator's count of missed periods
     targets = np.array([joint_state_arrays(m, JOINT_NAMES)[0] for m in decoded["effort_command"]])
     reached = np.array([m.position[6] for m in decoded["joint_states"]])
     swing = np.ptp(expected.positions[:, 6])

@@ -1,19 +1,22 @@
 """What breaks the control loop: each cause is found by its own measurement, and nothing is called good that was not measured."""
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from importlib.resources import files
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from arm_generator import record as recorded_arm
 from bags import record_episode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 from sim2real.checks.control_loop import LOOP, explain_effect, find_loop_timing
+from sim2real.diagnosis import diagnose
 from sim2real.recordings.loop_record import LoopRecord, NodeReports, collect_reports
 from sim2real.recordings.reading import ContractViolation, load_bag
+from sim2real.recordings.signals import Commands
 from sim2real.report.control_loop import describe_loops
 
 BESIDE = ("camera/image_raw", "keypoints", "object_pose", "external_wrench", "episode/tick")  # what the loop is without
@@ -32,7 +35,7 @@ def reports(words="moving: commanded\nstate: moving", **values):
 
 def counted(per_report):
     """A count that grows by so much (d,) until each report, and was 7 before."""
-    return 7 + np.cumsum(per_report)
+    return 7 + np.cumsum(per_report * GREW)
 
 
 def record(losses=(), wait=None, overrun=None, words="moving: commanded\nstate: moving", **values):
@@ -206,9 +209,16 @@ def test_states_that_only_the_recording_lacks_are_not_lost_cycles():
     of = record()
     kept = np.ones(len(of.states), bool)
     kept[5000:6000] = False
-    timing, fault = only_fault(replace(of, states=of.states[kept], commands=of.commands[kept]))
+    of = replace(
+        of, states=of.states[kept], commands=of.commands[kept][::2]
+    )  # that commands are missing shows nothing then
+    timing, fault = only_fault(of)
     assert (fault.what, fault.cause, timing.in_a_row, timing.lost_cycles) == ("lost_messages", "recorder", 0, 0)
-    assert not fault.is_broken
+    assert not fault.is_broken and timing.late_share is None and "lacks 1000 joint states" in fault.sentence
+    driver = of.nodes["franka_driver"]
+    idle, starved = (reports(processor_wait_ms=counted(ms)) for ms in (1.0, 30.0))
+    assert only_fault(replace(of, nodes={"franka_driver": driver, "recorder": idle}))[1].cause == "recorder"
+    assert only_fault(replace(of, nodes={"franka_driver": driver, "recorder": starved}))[1].cause == "busy_machine"
 
 
 def simulated(missed, wait):
@@ -282,6 +292,34 @@ def test_counts_are_read_from_messages_and_survive_a_restart():
     node = found["franka_driver"]
     assert node.growth("lost_cycles").tolist() == [0, 4, 0, 3] and node.growth("refused_late").tolist() == [0, 0, 2, 0]
     assert node.latest("lost_cycles").tolist() == [5, 9, 9, 3] and node.words[0] == "running\nmode: realtime"
+
+
+def test_lost_states_and_unanswered_ones_are_no_effect_of_the_arm():
+    """The last command stays in force meanwhile. Some answered states stand between two that are not."""
+    log, rng = recorded_arm(), np.random.default_rng(0)
+    c, torque = log.commands, log.torque.copy()
+    silent = np.zeros(len(log.time), bool)
+    for start in rng.choice(np.arange(10, len(log.time) - 100), 18, replace=False):
+        silent[start : start + 10] = True
+    unanswered_ones = rng.random(len(log.time)) < 0.03
+    unanswered_ones[[500, 502]], unanswered_ones[501] = True, False
+    unheard = silent | unanswered_ones
+    last = np.maximum.accumulate(np.where(unheard[c.rows], 0, np.arange(len(c.rows))))
+    follows = c.rows + 1 < len(log.time)
+    torque[c.rows[follows] + 1] += (c.torque[last] - c.torque)[follows]
+    kept, rows = ~silent, ~unheard[c.rows]
+    parts = {f.name: getattr(c, f.name)[rows] for f in fields(Commands) if isinstance(getattr(c, f.name), np.ndarray)}
+    parts["rows"] = (np.cumsum(kept) - 1)[parts["rows"]]
+    log = replace(
+        log,
+        time=log.time[kept],
+        position=log.position[kept],
+        velocity=log.velocity[kept],
+        torque=torque[kept],
+        torque_time=log.torque_time[kept],
+        commands=replace(c, **parts),
+    )
+    assert diagnose([log], quick=True).verdict == "no_gap"
 
 
 def test_an_effect_that_the_timing_explains_is_named():

@@ -91,7 +91,7 @@ def find_loop_timing(record: LoopRecord | None) -> LoopTiming:
     driver, bridge = record.first_with("lost_cycles"), record.first_with("missed_periods")
     period = float(np.median(np.diff(record.states)))
     states, commands = _gaps(record.states, period), _gaps(record.commands, period)
-    faults, numbers = [], {"state_gaps": states, "command_gaps": commands}
+    incomplete, faults, numbers = [], [], {"state_gaps": states, "command_gaps": commands}
     if driver is not None:
         lost = driver.growth("lost_cycles")
         success = _mean_success(driver)
@@ -105,20 +105,22 @@ def find_loop_timing(record: LoopRecord | None) -> LoopTiming:
             "lost": np.column_stack([driver.time, lost]),
         }
         faults += _lost_cycles(driver, lost, numbers) + _low_success(driver, numbers)
-        faults += _lost_messages(driver, lost, record, period)
+        incomplete = _lost_messages(driver, lost.sum() * LOOP.cycle, record, period)
     elif bridge is not None:
         missed = bridge.growth("missed_periods")
         numbers["lost"] = np.column_stack([bridge.time, missed])
         faults += _missed_periods(bridge, missed, period)
+        incomplete = _lost_messages(bridge, 0.0, record, period)  # stamps of a simulator skip nothing
     controller = record.first_with("answer_p99_ms")
     if controller is not None:
         numbers["answer_ms"] = tuple(
             float(np.nanmedian(controller.values[key])) for key in ("answer_p50_ms", "answer_p99_ms")
         )
     if len(record.commands) > 1 and not _is_onboard(driver):
-        late, numbers["late_share"] = _late_commands(record, driver or bridge, controller, period)
+        late, share = _late_commands(record, driver or bridge, controller, period, not incomplete)
         faults += late
-    faults += _late_targets(record)
+        numbers["late_share"] = None if incomplete else share
+    faults += _late_targets(record) + incomplete
     if faults:
         return LoopTiming(BROKEN if any(f.is_broken for f in faults) else DISTURBED, "", tuple(faults), **numbers)
     reason = _why_unknown(record, driver or bridge)
@@ -307,12 +309,13 @@ def _missed_periods(bridge: NodeReports, missed: np.ndarray, period: float) -> l
 
 
 def _late_commands(
-    record: LoopRecord, backend: NodeReports | None, controller: NodeReports | None, period: float
+    record: LoopRecord, backend: NodeReports | None, controller: NodeReports | None, period: float, is_complete: bool
 ) -> tuple[list[LoopFault], float]:
-    """States without a command, and commands that were refused as late; with their share."""
+    """States without a command, and commands that were refused as late; with their share. is_complete: whether what the recording lacks
+    was not published."""
     first, last = record.commands[[0, -1]]
     states = record.states[(record.states >= first) & (record.states <= last)]
-    missing = states[~np.isin(states, record.commands)]
+    missing = states[~np.isin(states, record.commands)] if is_complete else states[:0]
     refused = 0 if backend is None else int(backend.growth("refused_late").sum())
     share = (len(missing) + refused) / max(1, len(states))
     is_silent = backend is not None and _is_new(backend, SILENT)
@@ -359,16 +362,23 @@ def _late_targets(record: LoopRecord) -> list[LoopFault]:
     return [LoopFault("late_targets", POLICY, False, f"{words} {why}")]
 
 
-def _lost_messages(driver: NodeReports, lost: np.ndarray, record: LoopRecord, period: float) -> list[LoopFault]:
-    """Joint states that the recording lacks although the driver has not lost their cycles."""
-    if any("state: fault" in text for text in driver.words) or len(driver.time) < 2:
+def _lost_messages(backend: NodeReports, lost: float, record: LoopRecord, period: float) -> list[LoopFault]:
+    """Joint states that the recording lacks beyond `lost` s of them, which were not published."""
+    if any("state: fault" in text for text in backend.words) or len(backend.time) < 2:
         return []  # a driver that connects again goes on with later stamps
-    begin, end = driver.time[0], driver.time[-1] - LOOP.settled
+    begin, end = backend.time[0], backend.time[-1] - LOOP.settled
     gaps = _gaps(record.states, period)
     gaps = gaps[(gaps[:, 0] > begin) & (gaps[:, 0] < end)]
-    missing = np.round(1e-3 * gaps[:, 1] / period).sum() - len(gaps)
-    unaccounted = int(missing - lost.sum() * LOOP.cycle / period)
-    if unaccounted < LOOP.late * (end - begin) / period:
+    missing = int(np.round(1e-3 * gaps[:, 1] / period).sum() - len(gaps) - lost / period)
+    if missing < LOOP.late * (end - begin) / period:
         return []
-    words = f"The recording lacks {int(missing)} joint states, and the driver lost only {int(lost.sum())} cycles."
-    return [LoopFault("lost_messages", RECORDER, False, f"{words} Likely cause: recorder or disk, not the loop.")]
+    recorder = record.nodes.get("recorder")
+    waited = 0.0 if recorder is None else float(recorder.growth(WAIT).sum())
+    is_busy = waited >= LOOP.accounted * 1e3 * period * missing
+    why = (
+        f"a busy machine. The recorder waited {waited:.0f} ms for a processor"
+        if is_busy
+        else "recorder or disk, not the loop"
+    )
+    words = f"The recording lacks {missing} joint states that were published. Likely cause: {why}."
+    return [LoopFault("lost_messages", BUSY if is_busy else RECORDER, False, words)]

@@ -26,7 +26,9 @@ def _torque_rate(c: Context, j: int) -> np.ndarray:
 
 
 def _differentiate(d: evidence.Drive, values: np.ndarray) -> np.ndarray:
-    return np.concatenate([np.gradient(part, d.period) for part in np.split(values, d.starts[1:])])
+    """Rate (n,) 1/s within each stretch; 0 in one of a single row, between two states that got no command."""
+    parts = np.split(values, d.starts[1:])
+    return np.concatenate([np.gradient(part, d.period) if len(part) > 1 else np.zeros(len(part)) for part in parts])
 
 
 def _regressors(context: Context) -> list[EffectRegressor]:
