@@ -74,7 +74,7 @@ class EpisodeDraws:
         self.factors[where] = torch.stack(factors, -1)
         varied.randomise(where, *factors, self._uniform(n, *c.housing_friction))
         ranges = (c.stiffness, c.damping, c.time_constant, c.friction_stiffness)
-        onset = self._uniform(n, *c.onset) if c.onset != (0.0, 0.0) else None
+        onset = self._uniform(n, *c.onset) if c.onset != (0.0, 0.0) else 0.0
         varied.stiffen(where, *(self._factor(n, ends) for ends in ranges), onset)
         worn = (c.joint_friction, c.joint_damping, c.armature)
         varied.wear(where, *(self._factor(7 * n, ends).reshape(n, 7) for ends in worn))

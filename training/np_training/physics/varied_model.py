@@ -57,8 +57,8 @@ class VariedModel:
         self._creep = wp.to_torch(batched.opt.impratio_invsqrt)
         self._tips = [geom for geom in range(model.ngeom) if model.geom(geom).name.endswith(f"_{TIP}")]
         self._place, self._tip_place = place, [array[0, self._tips].clone() for array in place]
-        self._impedance = torch.tensor(model.geom_solimp[:, :3], dtype=torch.float32, device=device)
-        self._at_once = torch.tensor(HARD.hard.solimp[:3], dtype=torch.float32, device=device)
+        self._impedance = _odds_and_width(torch.tensor(model.geom_solimp[:, :3], dtype=torch.float32, device=device))
+        self._hard_impedance = _odds_and_width(torch.tensor(HARD.hard.solimp[:3], dtype=torch.float32, device=device))
         self._reference = torch.tensor(model.geom_solref, dtype=torch.float32, device=device)
         self.object_body = model.body(OBJECT).id
         self._object_mass, self._whole_mass = float(model.body_mass[self.object_body]), float(model.body_mass.sum())
@@ -131,29 +131,21 @@ class VariedModel:
         damping: torch.Tensor,
         time_constant: torch.Tensor | float = 1.0,
         friction: torch.Tensor | float = 1.0,
-        onset: torch.Tensor | None = None,
+        onset: torch.Tensor | float = 0.0,
     ) -> None:
         """Scale stiffness, damping ratio and time constant of every contact, and impratio, how much stiffer friction is, by factors (n,).
-        onset (n,): share of the way from the model's contacts to HARD, in the logarithms of odds, width and impratio (None: 0).
+        onset (n,): share of the way from the model's contacts to HARD, in the logarithms of odds, width and impratio.
 
         At rest a contact gives way by (1 - d) / d of what it would without its spring's share d of the impedance, so that
         stiffness is scaled by scaling d / (1 - d); the time constant, which sets the step, is a factor of its own.
         """
-        nominal, creep = self._impedance, self._nominal_creep
-        if onset is not None:
-            share = onset[:, None, None]
-            ends, widths = torch.logit(nominal[:, :2]), nominal[:, 2:].log()
-            nominal = torch.cat(
-                [
-                    torch.sigmoid(torch.lerp(ends, torch.logit(self._at_once[:2]).expand_as(ends), share)),
-                    torch.exp(torch.lerp(widths, self._at_once[2:].log().expand_as(widths), share)),
-                ],
-                -1,
-            )
-            creep = creep ** (1 - onset) * HARD.impratio ** (-0.5 * onset)
-        odds = nominal[..., :2] / (1 - nominal[..., :2]) * stiffness[:, None, None]
+        onset = onset * torch.ones_like(damping)
+        share = onset[:, None, None]
+        impedance = self._impedance ** (1 - share) * self._hard_impedance**share
+        odds = impedance[..., :2] * stiffness[:, None, None]
         self._solimp[where, :, :2] = odds / (1 + odds)
-        self._solimp[where, :, 2] = nominal[..., 2]
+        self._solimp[where, :, 2] = impedance[..., 2]
+        creep = self._nominal_creep ** (1 - onset) * HARD.impratio ** (-0.5 * onset)
         factors = torch.stack([time_constant * torch.ones_like(damping), damping], -1)
         self._solref[where] = self._reference * factors[:, None]
         self._creep[where] = creep * (friction * torch.ones_like(damping)) ** -0.5
@@ -174,3 +166,8 @@ class VariedModel:
             self._size[where[:, None], geom, sides] = (
                 self._half_size[sides] * shares[:, sides] * self.scale[where][:, sides]
             )
+
+
+def _odds_and_width(solimp: torch.Tensor) -> torch.Tensor:
+    """MuJoCo's solimp (..., 3) with odds d / (1 - d) in place of its impedances d."""
+    return torch.cat([solimp[..., :2] / (1 - solimp[..., :2]), solimp[..., 2:]], -1)
