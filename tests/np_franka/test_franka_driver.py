@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 from datetime import timedelta
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import rclpy
 
 from np_control.impedance import STIFFNESS_MAX
 from np_control.safety import Refusal, State
@@ -15,6 +17,7 @@ from np_franka.checklist import Checklist, RobotFacts
 from np_franka.client import MILLISECOND, ArmError, ArmReading, ConnectionLost, MotionAborted
 from np_franka.driver import Driver
 from np_franka.limits import FR3_LIMITS
+from np_franka.nodes import franka_driver_node as module
 
 STEP = FR3_LIMITS.torque_rate * FR3_LIMITS.period  # Nm
 LOAD = np.array([0, 30.0, 0, 0, 0, 0, 0])  # Nm
@@ -258,3 +261,41 @@ def test_a_robot_that_must_not_move_is_connected_at_fault_and_asked_for_as_long_
     robot.facts_said = replace(robot.facts_said, mode="Idle")
     driver.recover()
     assert driver.state is State.READY and len(asked) == 4
+
+
+@pytest.fixture
+def node(graph, robot, monkeypatch):
+    """The node before its first cycle."""
+    for key, value in graph.environment.items():
+        monkeypatch.setenv(key, value)
+    driver = started(robot)
+    settings = SimpleNamespace(
+        robot="fr3",
+        hostname="none",
+        control="topic",
+        calibration="none",
+        has_gripper=False,
+        realtime="ignore",
+        priority=0,
+    )
+    monkeypatch.setattr(module, "declare", lambda node: (settings, driver))
+    monkeypatch.setattr(driver, "start", lambda: None)  # it has been
+    rclpy.init(domain_id=graph.domain_id)
+    made = module.FrankaDriver()
+    made.driver = driver
+    yield made
+    made.destroy_node()
+    rclpy.try_shutdown()
+
+
+def test_the_numbers_that_show_why_cycles_are_lost_are_published(node, robot):
+    for _ in range(3):
+        node.cycle()
+    robot.time += 6 * MILLISECOND
+    node.cycle()
+    node._on_statistics()
+    values = node.diagnostics.values
+    assert values["lost_cycles"] == 6 and values["overrun_ms"] == round(node.driver.overrun * 1e3, 1)
+    assert values["reply_p99_ms"] > 0.0 and node.driver.replies.count == 0  # those of the last second
+    published = {pair.key: pair.value for pair in node.diagnostics._status().status[0].values}
+    assert {"lost_cycles", "overrun_ms", "reply_p99_ms", "processor_wait_ms", "commands"} <= set(published)

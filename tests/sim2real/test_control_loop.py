@@ -212,6 +212,7 @@ def test_states_that_only_the_recording_lacks_are_not_lost_cycles():
     of = replace(
         of, states=of.states[kept], commands=of.commands[kept][::2]
     )  # that commands are missing shows nothing then
+    assert only_fault(record([(5.5 + n, 60) for n in range(20)]))[1].what == "lost_cycles"  # 2 % of the states
     timing, fault = only_fault(of)
     assert (fault.what, fault.cause, timing.in_a_row, timing.lost_cycles) == ("lost_messages", "recorder", 0, 0)
     assert not fault.is_broken and timing.late_share is None and "lacks 1000 joint states" in fault.sentence
