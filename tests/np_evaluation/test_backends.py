@@ -3,7 +3,7 @@
 import pytest
 
 from np_bringup.backends import ENGINES
-from np_bringup.task_graph import check_and_build_graph, task_graph
+from np_bringup.task_graph import LOOP_PRIORITY, check_and_build_graph, task_graph
 from np_diagnosis.commands import excite
 from np_diagnosis.commands.excite import make_graph
 from np_evaluation.commands import evaluate
@@ -92,6 +92,15 @@ def test_a_recorder_does_not_wait_for_what_only_a_simulation_knows():
 def test_what_does_not_go_together_is_named(changes, text):
     with pytest.raises(ValueError, match=text):
         task_graph({**REAL, **changes})
+
+
+def test_in_real_time_neither_the_loop_nor_the_heartbeat_waits_for_slow_nodes():
+    nodes = {node.name: node for node in task_graph({"mode": "realtime"})}
+    loop, owner = {"sim_bridge", "joint_impedance"}, {"episode"}
+    assert {name for name, node in nodes.items() if node.realtime} == loop | owner
+    assert {node.realtime for name, node in nodes.items() if name in loop} == {LOOP_PRIORITY}
+    assert 0 < nodes["episode"].realtime < LOOP_PRIORITY
+    assert all(node.nice == 10 for name, node in nodes.items() if name not in loop | owner)
 
 
 @pytest.mark.parametrize(

@@ -232,6 +232,12 @@ def test_counts_of_an_ended_node_are_no_difference():
     assert found == {"refusals": {"only_over_dds": [], "only_in_process": ["approach: refused_finite"]}}
 
 
+def test_refusals_of_a_run_without_faults_are_no_difference():
+    simulated = [{"refusals": {"sim_bridge: refused_late", "approach: refused_finite"}}]
+    found = find_differences({"refusals": set()}, simulated, usual=["sim_bridge: refused_late"])
+    assert found == {"refusals": {"only_over_dds": [], "only_in_process": ["approach: refused_finite"]}}
+
+
 class Wire(Node):
     """Replaces the node of a relay: keeps the published messages and the relay's callback."""
 

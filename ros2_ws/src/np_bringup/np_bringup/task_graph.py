@@ -21,6 +21,8 @@ NAMESPACE = re.compile(r"(/[A-Za-z]\w*)+")
 _NOT_KEPT = ("bag", "run_info", "namespace", "params_file")  # of a recording: how nodes were started here
 LOOP_PRIORITY = 20
 """Priority of first-in-first-out scheduling of a simulated arm and its controller in real time."""
+OWNER_PRIORITY = 10
+"""The same of `episode`, without whose heartbeat for 120 ms the controller stops the arm."""
 
 ARGUMENTS = (
     LaunchArgument("domain", "card", "Task family: card, bump or wall; it needs released weights."),
@@ -111,18 +113,19 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     if given["bag"]:
         nodes.insert(0, _recorder(given, is_simulated=elsewhere is None))
     if given["mode"] == "realtime":
-        # The loop must not wait for slow nodes: state in, command out, every 2 ms.
-        nodes = [
-            replace(node, realtime=LOOP_PRIORITY)
-            if node.package == "np_control" or node.executable in backends.BACKENDS
-            else replace(node, nice=10)
-            for node in nodes
-        ]
+        nodes = [_scheduled(node) for node in nodes]
     if given["namespace"] and not NAMESPACE.fullmatch(given["namespace"]):
         raise ValueError(f"namespace: expected one as /lab, got {given['namespace']!r}")
     if given["params_file"] and not Path(given["params_file"]).is_file():
         raise ValueError(f"params_file: expected a file, got {given['params_file']!r}")
     return [replace(node, namespace=given["namespace"], params_file=given["params_file"]) for node in nodes]
+
+
+def _scheduled(node: NodeSpec) -> NodeSpec:
+    """A node in real time: neither the loop, state in, command out, every 2 ms, nor the heartbeat waits for slow nodes."""
+    if node.package == "np_control" or node.executable in backends.BACKENDS:
+        return replace(node, realtime=LOOP_PRIORITY)
+    return replace(node, realtime=OWNER_PRIORITY) if node.executable == "episode" else replace(node, nice=10)
 
 
 def check_and_build_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:

@@ -35,7 +35,7 @@ class SimulatedGraph:
         self.scheduler = Scheduler(plan.seed)
         drawn = self.scheduler.rng.choice((0.0, 0.01, 1.0))
         reordered = drawn if plan.reordered is None else plan.reordered
-        self.network = Network(self.scheduler, slowest=plan.slowest, reordered=reordered)
+        self.network = Network(self.scheduler, slowest=plan.slowest, reordered=reordered, delayed=plan.delayed)
         self.locks, self.disk, self.disturbance = Locks(), Disk(), ArmDisturbance()
         self.processes: dict[str, Process] = {}
         self.refusals: dict[str, int] = {}

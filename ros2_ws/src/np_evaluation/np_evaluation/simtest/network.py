@@ -27,6 +27,8 @@ class Network:
     """Largest delay of a message without faults, ms."""
     reordered: float = 0.0
     """Share of the messages that may overtake those of other topics."""
+    delayed: float = 0.001
+    """Share of the messages that wait for the processor, for 1 to 10 ms."""
     arrivals: dict[tuple[Endpoint, Endpoint], int] = field(default_factory=dict)
     """ns at which the last message from one process to another arrives."""
 
@@ -52,7 +54,7 @@ class Network:
     def draw_delay(self, topic: str, topic_fault: TopicFault | None) -> int:
         """Draw the delay of the next message, ns."""
         scheduler = self.scheduler
-        is_late = scheduler.rng.random() < 0.001  # preempted by the operating system
+        is_late = scheduler.rng.random() < self.delayed  # preempted by the operating system
         usual = scheduler.draw_time(1.0, 10.0) if is_late else int(1e6 * scheduler.rng.uniform(0.03, self.slowest))
         return usual + (topic_fault.delay if topic_fault else 0)
 

@@ -119,12 +119,16 @@ class DdsRun(Run):
         return replace(self._report(0.0), plan=replace(self.plan, faults=tuple(self._measure_faults())))
 
     def _is_idle(self) -> bool:
-        """Check for an idle graph; recover the backend if the arm stopped because seven starting processes slowed the machine."""
+        """Check for an idle graph; recover the backend if the arm stopped because seven starting processes slowed the machine.
+
+        An `episode` that starts late has no phase yet.
+        """
         self._poll()
         watch = self.invariants
         if watch.held_since is not None:
             self._peer.call("sim_bridge/recover")
-        return bool(watch.held_since is None and watch.phases and watch.phases[-1].phase == IDLE)
+        is_idle = "episode" not in self.processes or (watch.phases and watch.phases[-1].phase == IDLE)
+        return bool(watch.held_since is None and is_idle)
 
     def _begin(self) -> None:
         """Discard counts, phases and steps from before the run."""

@@ -31,6 +31,8 @@ class Plan:
     """Largest delay of a message without faults, ms."""
     reordered: float | None = None
     """Share of the messages that may overtake those of other topics; None: drawn from the seed."""
+    delayed: float = 0.001
+    """Share of the messages that wait for the processor, for 1 to 10 ms."""
 
     @classmethod
     def of(cls, seed: int) -> Plan:
