@@ -228,12 +228,12 @@ def simulated(missed, wait):
     return replace(of, nodes={"sim_bridge": bridge, "joint_impedance": of.nodes["joint_impedance"]})
 
 
-def test_a_simulator_that_is_late_waited_or_computed():
+def test_a_simulator_that_is_late_has_waited_or_the_cause_is_not_measured():
     missed = np.where((REPORTED > 10) & (REPORTED < 30), 50.0, 0.0)
     assert find_loop_timing(simulated(0 * missed, 0.0)).status == "steady"
     assert only_fault(simulated(missed, np.where(missed > 0, 90.0, 0.0)))[1].cause == "busy_machine"
     timing, fault = only_fault(simulated(missed, 0.0))
-    assert (fault.what, fault.cause, timing.status) == ("missed_periods", "computation", "disturbed")
+    assert (fault.what, fault.cause, timing.status) == ("missed_periods", "undetermined", "disturbed")
 
 
 def test_what_was_not_recorded_is_unknown():

@@ -297,13 +297,12 @@ def _missed_periods(bridge: NodeReports, missed: np.ndarray, period: float) -> l
     count, all_periods = int(missed.sum()), max(1, round(float(np.ptp(bridge.time)) / period))
     if count < LOOP.late * all_periods:
         return []
-    lost = 1e3 * period * missed
-    evidence = _attribute(bridge, lost, lost, COMPUTATION)
-    why = {
-        BUSY: f"Likely cause: a busy machine. It waited {evidence.waited:.0f} ms for a processor, and {evidence.lost:.0f} ms were missed.",
-        COMPUTATION: f"Likely cause: its own computation. It waited only {evidence.waited:.0f} ms for a processor, and {evidence.lost:.0f} ms were missed.",
-        UNDETERMINED: f"The cause is not recorded: its diagnostics lack {WAIT}.",
-    }[evidence.cause]
+    evidence = _attribute(bridge, 1e3 * period * missed, 0.0 * missed, UNDETERMINED)
+    waited = f"It waited {evidence.waited:.0f} ms for a processor, and {evidence.lost:.0f} ms were missed."
+    if evidence.cause == BUSY:
+        why = f"Likely cause: a busy machine. {waited}"
+    else:
+        why = f"The cause is not measured: its computation, or the host of a virtual machine. {waited}"
     words = f"The simulator missed {count} of {all_periods} periods ({100 * count / all_periods:.2g} %)."
     return [LoopFault("missed_periods", evidence.cause, False, f"{words} {why}")]
 
