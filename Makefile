@@ -74,7 +74,7 @@ soak: setup ## DOMAIN EPISODES SEED ARGS="--hours 1": episodes in one graph, in 
 	@$(ACTIVATE) exec python -m np_evaluation.commands.soak --domain $(DOMAIN) --seed $(SEED) \
 		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
 
-simtest: setup ## SEEDS=20 ARGS="--one SEED": the nodes in one process under simulated faults; what is promised has to hold, as JSON
+simtest: setup ## SEEDS=20 ARGS="--one SEED": the nodes in one process under simulated faults; guarantees must hold; as JSON
 	@$(ACTIVATE) export OMP_NUM_THREADS=1 MUJOCO_GL=disable; exec python -m np_evaluation.commands.simtest --seeds $(SEEDS) $(ARGS)
 
 fuzz: setup ## SEED: random and malformed messages on every topic: none of the nodes dies, as JSON

@@ -30,7 +30,7 @@ def test_a_wall_clock_that_is_set_back_during_a_stop_does_not_hold_it_up(graph, 
     probe.node.create_timer(0.002, send)
     probe.wait_until(lambda: len(sent) > 100)
     before, begun = len(sent), graph.seconds
-    graph.scheduler.after(
+    graph.scheduler.call_after(
         SECOND // 10, lambda: setattr(graph.scheduler, "wall_offset", graph.scheduler.wall_offset - 20 * SECOND)
     )
     answer = probe.call("recorder/stop")
