@@ -17,6 +17,7 @@ from np_evaluation.simtest.shrink import play
 
 _LONGER = 5.0  # s added to simulated runs, since a call to a starting node may have delayed the end
 _SHIFT = 0.3  # s, largest change of a fault's time in the last simulated run
+_PLANNING = 190.0  # ms, longest time of a plan on a quiet machine (docs/results/bench.md)
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 
 
@@ -63,8 +64,9 @@ def compare_reports(drawn: Plan, real: Report) -> dict[str, object]:
     """Compare a run over DDS with simulated runs of the same script; returns a row for JSON.
 
     A process takes seconds to start; a simulated one takes none. In lockstep a busy machine slows the arm. On one machine no message
-    overtakes another, and on a quiet one none waits for the processor. If the outcomes differ, the simulation therefore repeats the script
-    with the measured times on such a network, up to three times: as it is, longer, and with each time shifted by up to 0.3 s.
+    overtakes another, and on a quiet one none waits for the processor and a plan takes 0.2 s. If the outcomes differ, the simulation
+    therefore repeats the script with the measured times on such a machine, up to three times: as it is, longer, and with each time shifted
+    by up to 0.3 s.
     A node that a fault ends does not publish the counts of its last second. Refusals while the graph starts are counted in simulation only.
     """
     plan = select_playable(drawn)
@@ -72,13 +74,13 @@ def compare_reports(drawn: Plan, real: Report) -> dict[str, object]:
     first, usual = play(plan), find_outcome(play(replace(plan, faults=())))["refusals"]
     rng, real_outcome, simulated = np.random.default_rng([plan.seed, 2]), find_outcome(real), [find_outcome(first)]
     pace = real.period / first.period if plan.mode == "lockstep" else 1.0
+    quiet = replace(plan, slowest=plan.slowest * pace, reordered=0.0, delayed=0.0, planning=_PLANNING)
     for horizon, shift in ((plan.horizon, 0.0), (real.simulated + _LONGER, 0.0), (real.simulated + _LONGER, _SHIFT)):
         if not find_differences(real_outcome, simulated, incomplete, usual):
             break
         faults = [replace(f, at=max(0.0, f.at + (f.at > 0) * rng.uniform(-shift, shift))) for f in real.plan.faults]
         faults = tuple(sorted(faults, key=lambda fault: fault.at))
-        again = replace(plan, faults=faults, horizon=horizon, slowest=plan.slowest * pace, reordered=0.0, delayed=0.0)
-        simulated.append(find_outcome(play(again)))
+        simulated.append(find_outcome(play(replace(quiet, faults=faults, horizon=horizon))))
     return {
         "seed": plan.seed,
         "mode": plan.mode,

@@ -33,6 +33,8 @@ class Plan:
     """Share of the messages that may overtake those of other topics; None: drawn from the seed."""
     delayed: float = 0.001
     """Share of the messages that wait for the processor, for 1 to 10 ms."""
+    planning: float = 1500.0
+    """Longest time that a plan takes in real time, ms."""
 
     @classmethod
     def of(cls, seed: int) -> Plan:

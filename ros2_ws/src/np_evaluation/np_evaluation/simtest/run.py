@@ -16,7 +16,7 @@ from np_evaluation.simtest.scheduler import SECOND, simulate_host
 
 EPISODE_TIMEOUT = 60.0  # s until an episode must end
 CLOSE_TIME = 2.0  # s for the recorder to close its bag
-PLANNING_TIME = 50.0, 1500.0  # ms, smallest and largest, in real time; in lockstep planning takes no time
+SHORTEST_PLANNING = 50.0  # ms, in real time; in lockstep planning takes no time
 _STEP = SECOND // 20  # ns between two checks whether the run is over
 
 
@@ -92,8 +92,9 @@ class Run(SimulatedGraph):
         if self.plan.is_recorded:
             taps[""] = [self._sent.on_sent]
         if self.plan.mode == "realtime":
+            planning = SHORTEST_PLANNING, self.plan.planning
             for topic in ("/joint_trajectory", "/approach/refusal"):
-                taps[topic] = [lambda publisher, _: publisher.process.occupy(self.scheduler.draw_time(*PLANNING_TIME))]
+                taps[topic] = [lambda publisher, _: publisher.process.occupy(self.scheduler.draw_time(*planning))]
 
     def _on_phase(self, publisher, data: bytes) -> None:
         state = self.invariants.phases[-1]
