@@ -1,6 +1,7 @@
 """pre_contact, approach, post_contact and episode in real time; the test is backend and perception."""
 
 import numpy as np
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from policy_path import TICK
 
@@ -54,6 +55,39 @@ def test_in_real_time_an_episode_does_not_begin_with_what_a_silent_camera_saw(be
     backend.probe.wait_until(lambda: backend.phase().startswith("failed"), what="the end")
     assert backend.phase() == "failed: pre: no keypoints within 1 s"
     assert not (backend.received("pre_contact_pose") or backend.received("joint_trajectory") or backend.ticks())
+
+
+def test_in_real_time_no_plan_begins_where_the_arm_was_before_the_backend_was_restarted(begin):
+    """The newest state is later than any of the new backend, whose time begins anew."""
+    backend = begin(mode="realtime", silence=60.0)
+    before, now = NOMINAL.ready + 0.2, NOMINAL.ready
+    backend.goal(backend.tick(51))
+    backend.see(backend.tick(52))
+    backend.stand(backend.tick(52) + 1, before)
+    backend.restart()
+    backend.goal(backend.tick(1))
+    began, frames = backend.graph.seconds, []
+
+    def stream_until(condition, what, joints=None):
+        def step():
+            passed = len(frames) * TICK // 3
+            if backend.graph.seconds - began >= passed / 1e9:
+                frames.append(backend.tick(2) + passed)
+                backend.see(frames[-1])
+                if joints is not None:
+                    backend.stand(frames[-1], joints)
+            return condition()
+
+        backend.probe.wait_until(step, what=what)
+
+    stream_until(lambda: len(frames) > 3, "frames without a state")
+    backend.start()
+    stream_until(lambda: backend.received("pre_contact_pose"), "the contact")
+    last = len(frames) + 6
+    stream_until(lambda: len(frames) > last, "frames with a plan wanted")
+    assert not backend.received("joint_trajectory")
+    stream_until(lambda: backend.received("joint_trajectory"), "the plan", now)
+    assert trajectory_arrays(backend.received("joint_trajectory")[0], JOINT_NAMES)[1][0] == pytest.approx(now)
 
 
 def test_in_real_time_a_busy_pre_contact_does_not_take_what_was_seen_before_the_start_for_news(begin):

@@ -103,8 +103,10 @@ class ApproachNode(Node):
     def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
         # While a plan is awaited its keypoints are kept.
         if keypoints is not None and (self._wanted is None or stamp <= self._wanted[0]):
+            if stamp < self._keypoints[0]:
+                self._state.forget()  # a backend that was restarted: its time begins anew
             self._keypoints = stamp, keypoints
-            self._act()
+        self._act()
 
     def _act(self) -> None:
         if self._wanted is None or self._opening is None:

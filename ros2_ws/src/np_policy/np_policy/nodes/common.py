@@ -164,6 +164,12 @@ class StateStream:
             self._receive(raw)
         return self._raw is not None and self.stamp >= stamp - OLDEST_STATE
 
+    def forget(self) -> None:
+        """In real time: drop the newest state, which is of a backend before its restart; the next one counts."""
+        if self._newest is not None:
+            self._newest.take()
+            self._raw, self.stamp = None, -1
+
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities (9,) of joints and fingers: rad, m and per s. Raises BadMessage."""
         message = decode_raw(self._raw, JointState)

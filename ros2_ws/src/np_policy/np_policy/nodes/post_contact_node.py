@@ -78,6 +78,7 @@ class PostContactNode(Node):
     def _forget(self) -> None:
         self._keypoints.clear()
         self._answer = self._pending = None
+        self._state.forget()
 
     def _on_tick(self, tick: DiagnosticArray) -> None:
         try:
