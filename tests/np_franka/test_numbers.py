@@ -103,7 +103,7 @@ def test_the_episode():
         policy_period=100_000_000,
         pre_timeout=2.0,
         settle=0.3,
-        post_timeout=20.0,
+        post_timeout=30.0,
         post_blind=1.0,
         success_frames=5,
         success_share=1.0,

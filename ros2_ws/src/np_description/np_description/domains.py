@@ -127,7 +127,7 @@ CARD = Task(
     density=457.1,
     start=Region(x=(0.42, 0.58), y=(-0.13, 0.13)),
     goals=(Region(x=(0.42, 0.58), y=(-0.13, 0.13)),),
-    goal_yaw=(-pi / 2, pi / 2),
+    goal_yaw=(-pi, pi),
     workspace_x=(0.34, 0.66),
     workspace_y=(-0.21, 0.21),
 )

@@ -70,7 +70,7 @@ class EpisodeConfig:
     policy_period: int = SECOND // 10
     pre_timeout: float = 2.0
     settle: float = 0.3
-    post_timeout: float = 20.0
+    post_timeout: float = 30.0
     post_blind: float = 1.0
     success_frames: int = 5
     success_share: float = 1.0
