@@ -90,14 +90,14 @@ class Backend:
     def wait(self, condition, what="the condition"):
         """Wait until the condition holds; repeat the last inputs once a second, as backends do in lockstep."""
 
-        def met():
+        def repeat_until_condition():
             if self.graph.seconds > self._repeat_at:
                 self._repeat_at = self.graph.seconds + 1.0
                 for topic, message in self._last.items():
                     self.probe.publish(topic, message)
             return condition()
 
-        self.probe.wait_until(met, what=what)
+        self.probe.wait_until(repeat_until_condition, what=what)
 
     def start(self):
         response = self.probe.call("episode/start")

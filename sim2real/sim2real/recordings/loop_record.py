@@ -10,7 +10,7 @@ import numpy as np
 from np_record.bag import BagError, Recording
 
 SECOND = 1e9
-UNKNOWN = np.zeros(0)
+EMPTY = np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +57,11 @@ class LoopRecord:
 
     states: np.ndarray
     """(n,) stamps of `joint_states`, increasing."""
-    commands: np.ndarray = field(default_factory=UNKNOWN.copy)
+    commands: np.ndarray = field(default_factory=EMPTY.copy)
     """(m,) stamps of `effort_command`: those of the states that the controller answered."""
-    targets: np.ndarray = field(default_factory=UNKNOWN.copy)
+    targets: np.ndarray = field(default_factory=EMPTY.copy)
     """(p,) stamps of `target_pose`: those of the data that the policy acted on."""
-    sent: np.ndarray = field(default_factory=UNKNOWN.copy)
+    sent: np.ndarray = field(default_factory=EMPTY.copy)
     """(p,) when the gains of each target were published; none where gains and targets are not pairs."""
     nodes: Mapping[str, NodeReports] = field(default_factory=dict)
     """Diagnostics by the node's name without its namespace."""
@@ -84,28 +84,28 @@ def read_loop_record(recording: Recording, states: np.ndarray, commands: np.ndar
     first = states[0]
 
     def seconds(name: str) -> np.ndarray:
-        return (stamped[name].stamp - first) / SECOND if name in stamped else UNKNOWN
+        return (stamped[name].stamp - first) / SECOND if name in stamped else EMPTY
 
     try:
-        is_told, is_led = (recording.counts.get(name) for name in ("diagnostics", "target_pose"))
-        heard = [(m.stamp, m.decode()) for m in recording.messages("diagnostics")] if is_told else []
-        stamped = recording.rows("target_pose", "target_gains") if is_led else {}
+        has_diagnostics, has_targets = (recording.counts.get(name) for name in ("diagnostics", "target_pose"))
+        diagnostics = [(m.stamp, m.decode()) for m in recording.messages("diagnostics")] if has_diagnostics else []
+        stamped = recording.rows("target_pose", "target_gains") if has_targets else {}
     except BagError:
-        heard, stamped = [], {}
+        diagnostics, stamped = [], {}
     targets, gains = seconds("target_pose"), seconds("target_gains")
     return LoopRecord(
         (states - first) / SECOND,
         (commands - first) / SECOND,
         targets,
-        gains if len(gains) == len(targets) else UNKNOWN,
-        collect_reports([((stamp - first) / SECOND, message.status) for stamp, message in heard]),
+        gains if len(gains) == len(targets) else EMPTY,
+        collect_reports([((stamp - first) / SECOND, message.status) for stamp, message in diagnostics]),
     )
 
 
-def collect_reports(heard: Sequence[tuple[float, Sequence]]) -> dict[str, NodeReports]:
+def collect_reports(messages: Sequence[tuple[float, Sequence]]) -> dict[str, NodeReports]:
     """Diagnostics by node, from (time s, list of DiagnosticStatus) in the order of time."""
     rows: dict[str, list[tuple[float, dict[str, float], str]]] = {}
-    for time, statuses in heard:
+    for time, statuses in messages:
         for status in statuses:
             numbers, texts = {}, [status.message]
             for pair in status.values:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 
 from sim2real.checks.control_loop import LoopTiming, explain_effect
 from sim2real.finding import Finding
@@ -16,10 +17,7 @@ def describe_loops(logs: Sequence[Log], loops: Sequence[LoopTiming], findings: S
             "bag": log.name,
             "status": timing.status,
             "reason": timing.reason,
-            "faults": [
-                {"what": f.what, "cause": f.cause, "is_broken": f.is_broken, "sentence": f.sentence}
-                for f in timing.faults
-            ],
+            "faults": [asdict(fault) for fault in timing.faults],
             "lost_cycles": timing.lost_cycles,
             "lost_in_a_row": timing.in_a_row,
             "success_rate": timing.success_rate,
