@@ -16,22 +16,12 @@ ZERO = np.zeros(7)
 SOFT = STIFFNESS_MIN, np.ones(7)
 
 
-class Arm:
-    """The simulated arm behind a safety filter, one period at a time; q (7,) rad: its start, None for the ready posture."""
+class SimulatedArm:
+    """MuJoCo's arm at the start of its scene."""
 
-    def __init__(self, controller, contacts=False, q=None):
-        self.model = load_model(CARD)
-        if not contacts:
-            self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-        self.data = mujoco.MjData(self.model)
-        mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
-        if q is not None:
-            self.data.qpos[:7] = self.data.ctrl[:7] = q
-        self.controller = controller
-        self.safety = SafetyFilter()
-        self.safety.start(self.q)
-        self.stamp = 0
-        self.observe()
+    def __init__(self, model):
+        self.data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, self.data, 0)
 
     @property
     def q(self):
@@ -40,6 +30,23 @@ class Arm:
     @property
     def dq(self):
         return self.data.qvel[:7].copy()
+
+
+class Arm(SimulatedArm):
+    """The simulated arm behind a safety filter, one period at a time; q (7,) rad: its start, None for the ready posture."""
+
+    def __init__(self, controller, contacts=False, q=None):
+        self.model = load_model(CARD)
+        if not contacts:
+            self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        super().__init__(self.model)
+        if q is not None:
+            self.data.qpos[:7] = self.data.ctrl[:7] = q
+        self.controller = controller
+        self.safety = SafetyFilter()
+        self.safety.start(self.q)
+        self.stamp = 0
+        self.observe()
 
     def observe(self):
         self.controller.observe(self.stamp, self.q, self.dq)

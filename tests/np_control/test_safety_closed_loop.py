@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from controller_tools import SimulatedArm
 
 from np_control.impedance import STIFFNESS_MAX
 from np_control.impedance import torque as impedance_torque
@@ -17,24 +18,15 @@ MODEL = load_model(CARD)
 MODEL.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
 
 
-class Arm:
+class Arm(SimulatedArm):
     """The arm without contacts, every torque through the filter; keeps the extremes it saw."""
 
     def __init__(self):
-        self.data = mujoco.MjData(MODEL)
-        mujoco.mj_resetDataKeyframe(MODEL, self.data, 0)
+        super().__init__(MODEL)
         self.safety = SafetyFilter()
         self.safety.start(self.q)
         self.periods = 0
         self.fastest, self.least_room = np.zeros(7), np.full(7, np.inf)
-
-    @property
-    def q(self):
-        return self.data.qpos[:7].copy()
-
-    @property
-    def dq(self):
-        return self.data.qvel[:7].copy()
 
     def step(self, torque=None):
         """One period, with a command or in silence."""
