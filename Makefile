@@ -121,8 +121,9 @@ test-benchmark: setup ## the tests of the benchmark (benchmark/tests)
 test-slow: setup ## the slowest tests, which say least beyond those of `make test`
 	@$(ACTIVATE) export OMP_NUM_THREADS=1 MUJOCO_GL=disable; exec python -m pytest -n 2 --dist worksteal -m slow
 
-mutants: setup ## CASES=200 SEED JOBS: small faults in controller, safety, episode and driver; a test has to notice each, as JSON
-	@$(ACTIVATE) export OMP_NUM_THREADS=1 MUJOCO_GL=disable; exec python tools/mutants.py --cases $(CASES) --seed $(SEED) --jobs $(JOBS) $(ARGS)
+mutants: setup ## CASES=200 SEED JOBS SET=control|learner|training: small faults in control or training; a test has to notice each, as JSON
+	@$(ACTIVATE) export OMP_NUM_THREADS=1 MUJOCO_GL=disable; exec python tools/mutants.py \
+		$(if $(filter-out file,$(origin SET)),--set $(SET)) --cases $(CASES) --seed $(SEED) --jobs $(JOBS) $(ARGS)
 
 # What a robot's network protocol needs is installed only here: nobody else does.
 .venv/.hardware: requirements-hardware.txt .venv/.installed

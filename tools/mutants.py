@@ -1,4 +1,4 @@
-"""Mutation testing of controller, safety, episode and driver: small faults are put into copies of the code, and a test has to fail.
+"""Mutation testing of control or of training: small faults are put into copies of the code, and a test has to fail.
 
 A mutant is written into a temporary copy of its package, which goes before the original on the path; the checkout is never changed.
 Tests run in a fork of a process that has imported all but the project, up to the first that fails: those that execute the changed
@@ -27,17 +27,18 @@ import mutant_operators
 from mutant_operators import Mutant, mutants, mutated
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = ROOT / "ros2_ws/src"
-MODULES = (
-    "np_control/np_control/*.py",
-    "np_control/np_control/safety/*.py",
-    "np_policy/np_policy/action.py",
-    "np_policy/np_policy/episode.py",
-    "np_policy/np_policy/observation.py",
-    "np_franka/np_franka/arm.py",
-    "np_franka/np_franka/driver.py",
+SOURCES, TRAINING = "ros2_ws/src", "training/np_training"
+CONTROL = (
+    f"{SOURCES}/np_control/np_control/*.py",
+    f"{SOURCES}/np_control/np_control/safety/*.py",
+    f"{SOURCES}/np_policy/np_policy/action.py",
+    f"{SOURCES}/np_policy/np_policy/episode.py",
+    f"{SOURCES}/np_policy/np_policy/observation.py",
+    f"{SOURCES}/np_franka/np_franka/arm.py",
+    f"{SOURCES}/np_franka/np_franka/driver.py",
 )
-TESTS = (
+LEARNER = (f"{TRAINING}/ppo/learner.py", f"{TRAINING}/ppo/curriculum.py", f"{TRAINING}/tasks/rewards.py")
+OF_CONTROL = (
     "np_control/test_*.py",
     "np_franka/test_franka_driver.py",
     "np_franka/test_franka_onboard.py",
@@ -46,6 +47,25 @@ TESTS = (
     "np_policy/test_policy.py",
     "np_planning/test_ros2_control.py",
 )
+OF_TRAINING = (
+    "np_training/test_comparisons.py",
+    "np_training/test_forces.py",
+    "np_training/test_learning.py",
+    "np_training/test_object_choice.py",
+    "np_training/test_policies.py",
+    "np_training/test_practice.py",
+    "np_training/test_re*.py",
+    "np_training/test_sizes.py",
+    "np_training/test_tasks.py",
+    "np_training/test_whitening.py",
+)
+SETS = {
+    "control": (CONTROL, OF_CONTROL),
+    "learner": (LEARNER, OF_TRAINING),
+    "training": ((*LEARNER, f"{TRAINING}/ppo/*.py"), OF_TRAINING),
+}
+"""Modules and their tests, as patterns."""
+ELSEWHERE = ("__init__.py", "captured.py", "distributed.py")  # only a GPU or several processes execute the last two
 PUBLISHED = ROOT / "tools/mutants.json"
 LONGEST_TEST, LONGEST_MUTANT, LONGEST_WAIT = 8.0, 25.0, 600.0
 """Processor seconds of a test that is used and of all tests of one mutant, without a mutant; seconds that a mutant may wait for nothing."""
@@ -73,11 +93,12 @@ class Project:
         return str(module.relative_to(self.root))
 
 
-def own_project() -> Project:
-    """This repository."""
-    modules = sorted({path for pattern in MODULES for path in SOURCES.glob(pattern) if path.name != "__init__.py"})
+def own_project(name: str) -> Project:
+    """This repository, with the modules and tests of a set."""
+    modules, tests = SETS[name]
+    found = {path for pattern in modules for path in ROOT.glob(pattern) if path.name not in ELSEWHERE}
     return Project(
-        ROOT, tuple(modules), tuple(sorted(path for pattern in TESTS for path in (ROOT / "tests").glob(pattern)))
+        ROOT, tuple(sorted(found)), tuple(sorted(path for pattern in tests for path in (ROOT / "tests").glob(pattern)))
     )
 
 
@@ -147,6 +168,7 @@ def _pytest(project: Project, tests: Sequence[str], plugin: _Plugin, *options: s
 
     os.chdir(project.root)
     select = ("-m", "not slow and not real_time", "-p", "no:cacheprovider", f"--rootdir={project.root}")
+    select += ("-o", "pythonpath=")  # which would find the original before the copy; the environment has it too
     return pytest.main(["-q", *select, *options, *tests], plugins=[plugin])
 
 
@@ -351,6 +373,7 @@ def summary(results: list[tuple[Mutant, str]], reasons: dict[tuple, str]) -> dic
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--set", choices=SETS, default="control", help="what is mutated")
     parser.add_argument("--cases", type=int, default=200, help="mutants, as many from each module; 0: all")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
@@ -358,13 +381,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--out", type=Path, default=ROOT / "runs/mutants.jsonl", help="where results are kept: killed, it goes on"
     )
     options = parser.parse_args(arguments)
-    began, project = time.monotonic(), own_project()
+    began, project = time.monotonic(), own_project(options.set)
     reasons = {}
     if PUBLISHED.exists():
-        rows = json.loads(PUBLISHED.read_text())["survivors"]
+        rows = [row for part in json.loads(PUBLISHED.read_text()).values() for row in part["survivors"]]
         reasons = {(row["module"], row["text"], row["original"], row["mutant"]): row["reason"] for row in rows}
     results, baseline = run(project, draw(project, options.cases, options.seed), options.out, options.jobs)
-    figures = {"seed": options.seed, **summary(results, reasons), "tests_left_out": baseline["left_out"]}
+    figures = {
+        "set": options.set,
+        "seed": options.seed,
+        **summary(results, reasons),
+        "tests_left_out": baseline["left_out"],
+    }
     print(json.dumps({**figures, "wall_s": round(time.monotonic() - began, 1)}))
     return 0
 

@@ -1,6 +1,7 @@
 """The learner by hand: advantages, the sign and the clip of the policy's gradient, entropy, critic, learning rate; the paper's constants."""
 
 import math
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from np_policy.action import RESIDUAL_LIMITS_FINAL, RESIDUAL_LIMITS_INITIAL
 from np_training.ppo.config import PPOConfig
 from np_training.ppo.curriculum import STAGES, Curriculum, CurriculumConfig, stage_limits
 from np_training.ppo.learner import STATISTICS, Learner, PolicySamples, advantages
-from np_training.ppo.networks import distribution
+from np_training.ppo.networks import PreContactActor, distribution
 from np_training.tasks.randomisation import PAPER as PAPER_CONDITIONS
 from np_training.tasks.randomisation import ROBUST, find_conditions
 from np_training.tasks.rewards import RewardConfig
@@ -223,8 +224,10 @@ def test_an_update_goes_through_every_sample_once_an_epoch(monkeypatch):
     reckon = learner._reckon
     monkeypatch.setattr(learner, "_reckon", lambda *tensors: (seen.append(tensors[2][:, 0]), reckon(*tensors)))
     action = torch.linspace(-1, 1, 10)[:, None]
-    learner.update(batch_of(policy, action, torch.randn(10)))
+    said = learner.update(batch_of(policy, action, torch.randn(10), returns=torch.ones(10)))
     assert len(seen) == 12
+    assert [len(rows) for rows in seen[:4]] == [3, 3, 2, 2]
+    assert said["value_loss"] == pytest.approx(1.0, abs=0.02), "each counts by its share of its minibatch"
     for epoch in range(3):
         drawn = torch.cat(seen[4 * epoch : 4 * epoch + 4]).sort().values
         assert torch.equal(drawn, action[:, 0])
@@ -237,6 +240,91 @@ def test_a_step_is_no_longer_than_the_bound_of_the_gradient():
     learner.update(batch_of(policy, torch.tensor([[0.5], [-0.3]]), torch.tensor([1.0, -1.0])))
     kept = [learner.policy_optimiser.state[p]["exp_avg"] for p in policy.parameters()]
     assert torch.cat(kept).norm().item() == pytest.approx(0.1 * 0.5, rel=1e-3)
+
+
+def test_the_first_step_is_as_long_as_the_rate_and_shorter_where_the_gradient_is_as_small_as_adams_epsilon():
+    policy, critic = Gaussian(), Constant()
+    # Of the critic's loss 2 (0 - 5e-6) = -1e-5 is the slope: with an epsilon of 1e-5 Adam goes half of its rate.
+    batch = batch_of(policy, torch.tensor([[1.0], [-1.0]]), torch.tensor([1.0, -1.0]), returns=torch.full((2,), 5e-6))
+    Learner(policy, critic, PLAIN).update(batch)
+    assert policy.mean.item() == pytest.approx(3e-4, rel=1e-3)
+    assert critic.value.item() == pytest.approx(2.5e-4, rel=1e-3)
+
+
+def test_statistics_are_those_of_one_update():
+    policy, critic = Gaussian(), Constant()
+    learner = Learner(policy, critic, PLAIN)
+    batch = batch_of(policy, torch.zeros(2, 1), torch.zeros(2), returns=torch.ones(2))
+    first, second = learner.update(batch), learner.update(batch)
+    assert first["value_loss"] == pytest.approx(1.0)
+    assert second["value_loss"] == pytest.approx((1 - 5e-4) ** 2, rel=1e-5)
+
+
+def test_advantages_that_differ_by_rounding_alone_are_not_blown_up():
+    policy = Gaussian()
+    batch = batch_of(policy, torch.tensor([[1.0], [-1.0]]), torch.tensor([1e-6, -1e-6]), torch.tensor([1.1, 0.9]))
+    said = Learner(policy, Constant(), PLAIN).update(batch)
+    assert said["policy_loss"] == pytest.approx(-0.5 * (1.1 - 0.9) / 2, rel=1e-3)  # 1e-6 over 1e-6 + 1e-6
+
+
+def test_a_learner_goes_on_from_what_another_has_kept():
+    generator = torch.Generator().manual_seed(0)
+    action, advantage, returns = (torch.randn(*shape, generator=generator) for shape in ((20, 1), (20,), (20,)))
+    config = PPOConfig(epochs=2, minibatches=2, rate=(2e-5, 1e-1))
+    first, second = ((Gaussian(), Constant()) for _ in range(2))
+    learner, other = Learner(*first, config), Learner(*second, config)
+    learner.update(batch_of(first[0], action, advantage, returns=returns))
+    other.load_state_dict(deepcopy(learner.state_dict()))
+    kept = learner.rate
+    assert other.rate == kept != pytest.approx(3e-4)
+    for mine, theirs in zip(second, first):
+        mine.load_state_dict(theirs.state_dict())
+    for networks, one in ((first, learner), (second, other)):
+        torch.manual_seed(1)
+        one.update(batch_of(networks[0], action, advantage, returns=returns))
+    for mine, theirs in zip(second, first):
+        assert all(torch.equal(a, b) for a, b in zip(mine.parameters(), theirs.parameters()))
+    assert other.rate == learner.rate != kept
+
+
+def test_a_release_that_holds_a_learning_rate_alone_leaves_the_optimiser_new():
+    learner = Learner(Gaussian(), Constant(), PLAIN)
+    learner.load_state_dict({"rate": 7e-5})
+    assert learner.rate == pytest.approx(7e-5) and not learner.policy_optimiser.state
+
+
+def test_an_untrained_contact_has_fingers_nearly_closed_and_is_on_the_upper_face():
+    torch.manual_seed(0)
+    actor = PreContactActor()
+    mean = actor(torch.randn(200, 18)).mean(0)
+    expected = torch.zeros(9)
+    expected[3], expected[8] = math.tanh(-1.0), math.tanh(1.0)
+    assert (mean - expected).abs().max() < 0.1
+    assert torch.equal(actor.log_std, torch.full((9,), -0.7))
+
+
+def test_a_share_of_the_contacts_points_anywhere_and_has_the_probability_of_where_it_points():
+    torch.manual_seed(0)
+    actor, state = PreContactActor(), torch.randn(2000, 18)
+    with torch.no_grad():
+        actor.log_std.fill_(-3.0)  # none of the policy's own is far from its mean
+        own = actor(state)[:, 6:]
+    for explore, least, most in ((0.0, 0.0, 0.0), (0.25, 0.2, 0.3), (1.0, 1.0, 1.0)):
+        action, log_probability = actor.act(state, explore)
+        far = (action[:, 6:] - own).norm(dim=-1) > 0.3
+        length = action[:, 6:].norm(dim=-1)
+        elsewhere = (length - 1).abs() < 1e-5
+        assert least <= elsewhere.float().mean() <= most and (far <= elsewhere).all()
+        expected = distribution(actor, state).log_prob(action).sum(-1)
+        torch.testing.assert_close(log_probability, expected.detach())
+    assert action[:, 6:].mean(0).abs().max() < 0.05, "all directions alike"
+
+
+@pytest.mark.parametrize("log_std, drawn", [(-9.0, -3.0), (-1.0, -1.0), (3.0, 0.5)])
+def test_actions_are_drawn_within_bounds_of_their_deviation(log_std, drawn):
+    policy = Gaussian(mean=2.0, log_std=log_std)
+    normal = distribution(policy, torch.zeros(4, 1))
+    assert normal.mean.tolist() == [[2.0]] * 4 and normal.scale.log().flatten().tolist() == pytest.approx([drawn] * 4)
 
 
 PAPER = {
@@ -340,6 +428,22 @@ def test_success_of_practice_is_a_running_mean_over_its_share_of_the_window():
     curriculum = Curriculum(100, practices=2)
     curriculum.practise(1, 1.0, 10)
     assert curriculum.practised == [0.0, pytest.approx(0.2)]
+    curriculum.practise(1, 0.4, 500)
+    assert curriculum.practised == [0.0, pytest.approx(0.4)], "no more than a window counts"
+    single = Curriculum(100, practices=1)
+    single.practise(0, 1.0, 10)
+    assert single.practised == [pytest.approx(0.1)]
+
+
+def test_a_curriculum_without_a_choice_has_no_practice_and_grows_in_ten_stages():
+    curriculum = Curriculum(100, practices=2)
+    assert curriculum.shares == (1.0, 0.0, 0.0) and curriculum.explore == 0.0
+    assert curriculum.last == STAGES + 10
+    assert Curriculum(100, CurriculumConfig(practice=0.5)).shares == (1.0,), "there is nothing to practise"
+    curriculum = Curriculum(100, CurriculumConfig(practice=0.5, explore=0.5), practices=2)
+    curriculum.success, curriculum.practised = 0.3, [0.5, 0.0]
+    assert curriculum.shares == pytest.approx((0.75, 0.25 * 0.28 / 0.31, 0.25 * 0.03 / 0.31))
+    assert curriculum.explore == pytest.approx(0.25)
 
 
 def test_practice_and_exploration_end_with_success_and_the_rest_is_the_domains_own():

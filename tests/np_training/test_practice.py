@@ -137,7 +137,8 @@ def test_a_stage_begun_anew_is_won_anew():
     own.stage, own.success, own.episodes, own.practised = own.last, 0.99, 5000, [1.0, 0.9]
     own.go_back(curriculum.STAGES)
     assert own.randomisation == 0 and own.shares[0] == pytest.approx(0.25) and own.practised == [0.5, 0.5]
-    assert not own.advance(0.5, 60) and own.advance(1.0, 1000) and own.randomisation > 0
+    assert not own.advance(0.5, 60) and own.success == 0.5, "the first episodes count alone"
+    assert own.advance(1.0, 1000) and own.randomisation > 0
     for stage in (-1, curriculum.STAGES + 1):
         with pytest.raises(ValueError, match=f"stage: expected 0 to {curriculum.STAGES}, got {stage}"):
             own.go_back(stage)

@@ -129,6 +129,18 @@ def test_prices_on_touches_rise_with_strictness_and_housing_costs_from_the_begin
     assert terms["touch"].item() == pytest.approx(strictness * reward.touch, rel=1e-4)
 
 
+def test_a_touch_is_charged_in_full_where_nothing_else_is_said_and_distance_alone_is_not_paid():
+    reward, blow = RewardConfig(), (torch.tensor([45.0]), torch.tensor([0.08]), YES, NO)
+    steps = [
+        reward.terms(measures(0.2), measures(0.1), NO, NO, stiffness(0.0), touch, STILL, SEEN)
+        for touch in (PeriodTouch(*blow), PeriodTouch(*blow, strictness=1.0))
+    ]
+    assert steps[0] == steps[1]
+    assert [steps[0][name].item() for name in ("force", "touch", "bare", "far")] == pytest.approx(
+        [0.02 * -8, 0.02 * -10, 0.02 * -10, 0]
+    )
+
+
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=lambda d: d.name)
 def test_finishing_with_a_fast_touch_and_hard_pressing_pays_more_than_staying_away(domain):
     """A touch at .3 m/s and a hundred steps at 30 N, then the goal: what it is charged is less than what the goal pays."""
