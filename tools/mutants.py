@@ -49,12 +49,14 @@ OF_CONTROL = (
 )
 OF_TRAINING = (
     "np_training/test_comparisons.py",
+    "np_training/test_distillation.py",
     "np_training/test_forces.py",
     "np_training/test_learning.py",
     "np_training/test_object_choice.py",
     "np_training/test_policies.py",
     "np_training/test_practice.py",
     "np_training/test_re*.py",
+    "np_training/test_run.py",
     "np_training/test_sizes.py",
     "np_training/test_tasks.py",
     "np_training/test_whitening.py",

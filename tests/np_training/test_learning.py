@@ -10,6 +10,7 @@ import torch
 from torch import nn
 
 from np_policy.action import RESIDUAL_LIMITS_FINAL, RESIDUAL_LIMITS_INITIAL
+from np_training.ppo import distributed
 from np_training.ppo.config import PPOConfig
 from np_training.ppo.curriculum import STAGES, Curriculum, CurriculumConfig, stage_limits
 from np_training.ppo.learner import STATISTICS, Learner, PolicySamples, advantages
@@ -285,6 +286,20 @@ def test_a_learner_goes_on_from_what_another_has_kept():
     for mine, theirs in zip(second, first):
         assert all(torch.equal(a, b) for a, b in zip(mine.parameters(), theirs.parameters()))
     assert other.rate == learner.rate != kept
+
+
+def test_processes_that_have_the_same_samples_learn_what_one_of_them_does(monkeypatch):
+    generator = torch.Generator().manual_seed(0)
+    action, advantage, returns = (torch.randn(*shape, generator=generator) for shape in ((20, 1), (20,), (20,)))
+    ended = []
+    for processes in (1, 3):
+        monkeypatch.setattr(distributed, "add", lambda *tensors: [tensor.mul_(processes) for tensor in tensors])
+        torch.manual_seed(1)
+        policy, critic = Gaussian(), Constant()
+        learner = Learner(policy, critic, PPOConfig(epochs=2, minibatches=3))
+        said = learner.update(batch_of(policy, action, advantage, torch.rand(20) + 0.5, returns))
+        ended.append([*said.values(), learner.rate, policy.mean.item(), policy.log_std.item(), critic.value.item()])
+    assert ended[0] == pytest.approx(ended[1], rel=1e-4)
 
 
 def test_a_release_that_holds_a_learning_rate_alone_leaves_the_optimiser_new():

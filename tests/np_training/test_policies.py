@@ -291,7 +291,8 @@ def test_rows_that_fill_a_minibatch_up_count_for_nothing():
         torch.manual_seed(3)
         networks = ActorCritic()
         learner = ppo.Learner(networks.pre, networks.pre_value, ppo.PPOConfig(epochs=2, minibatches=3))
-        learner._captures = filled  # as on a GPU, where shapes have to be few
+        learner._captures, reckon = filled, learner._reckon  # as on a GPU, where shapes have to be few
+        learner._reckon = lambda *columns: (lengths.add(len(columns[0])), reckon(*columns))
         state = torch.randn(100, PRE_STATE_SIZE)
         action, log_probability = sample(networks.pre, state)
         figures = learner.update(
@@ -301,7 +302,12 @@ def test_rows_that_fill_a_minibatch_up_count_for_nothing():
         )
         return [p.detach() for p in networks.parameters()], figures
 
-    (plain, figures), (filled, same) = updated(False), updated(True)
+    lengths = set()
+    plain, figures = updated(False)
+    assert lengths == {33, 34}
+    lengths.clear()
+    filled, same = updated(True)
+    assert lengths == {2048}
     assert all((a - b).abs().max() < 1e-5 for a, b in zip(plain, filled))
     assert same == pytest.approx(figures, rel=1e-3, abs=1e-6)
 
