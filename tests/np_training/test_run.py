@@ -8,11 +8,14 @@ import pytest
 import torch
 from torch import nn
 
+from np_training import train
 from np_training.checkpoints import CheckpointError
 from np_training.environment.config import EnvironmentConfig
 from np_training.ppo import training
 from np_training.ppo.config import PPOConfig, TrainConfig
+from np_training.ppo.curriculum import CurriculumConfig
 from np_training.ppo.log import read_log
+from np_training.tasks.randomisation import ROBUST
 
 SETTING = {"domain": "card", "object": "default", "max_opening": 0.005}
 
@@ -104,6 +107,35 @@ def test_a_stage_logs_every_iteration_saves_in_between_and_shows_what_is_left(cl
     assert [steps for steps, _ in trainer.saved] == [1020, 1040, 1050]
     shown = [line.split("  ")[-1] for line in capsys.readouterr().err.splitlines() if "M steps" in line]
     assert shown == [f"{left} min left" for left in ("1.3", "1.0", "0.7", "0.3", "0.0")]
+
+
+def test_every_setting_reaches_what_it_is_a_setting_of(monkeypatch):
+    given = (
+        "limit=7 rollout=3 stiffness=0.5 deviation=0.2 tolerance=0.4 hold=9 residual=False growth=4 practice=0.3 "
+        "explore=0.6 kept=0.1 entropy=0.25 discount=0.5 target_kl=0.125 rate_limit=0.002 damping_floor=0.75 "
+        "contacts=31 constraints=99 reward={'success':3}"
+    )
+    command = ["train", "--domain", "bump", "--worlds", "5", "--seed", "6", "--conditions", "robust", "--set"]
+    monkeypatch.setattr("sys.argv", [*command, *given.split()])
+    made, loaded = [], []
+    monkeypatch.setattr(training, "Environment", lambda *arguments: arguments)
+    monkeypatch.setattr(
+        training, "Trainer", lambda *arguments: made.append(arguments) or SimpleNamespace(load_state_dict=loaded.append)
+    )
+    arguments = train.parse()
+    training.make_trainer(arguments, "cpu", 0, None)
+    assert not loaded
+    training.make_trainer(arguments, "cpu", 0, {"steps": 1})
+    assert loaded == [{"steps": 1}]
+    (domain, device, environment), config, ppo = made[0]
+    assert (domain.name, device, environment.worlds, environment.seed, environment.limit) == ("bump", "cpu", 5, 6, 7)
+    assert environment.reward.success == 3 and environment.damping_floor == 0.75
+    assert (environment.physics.contacts, environment.physics.constraints) == (31, 99)
+    assert environment.physics.supports and environment.physics.resizes, "robust conditions vary table and size"
+    assert (config.rollout, config.stiffness, config.deviation, config.tolerance, config.hold) == (3, 0.5, 0.2, 0.4, 9)
+    assert config.conditions == ROBUST
+    assert config.curriculum == CurriculumConfig(residual=False, growth=4, practice=0.3, explore=0.6, kept=0.1)
+    assert ppo == PPOConfig(rate=(2e-5, 0.002), entropy=0.25, discount=0.5, target_kl=0.125)
 
 
 def test_what_a_report_needs_of_a_run_lies_beside_its_log(clock, tmp_path, monkeypatch):
