@@ -11,7 +11,7 @@ from torch import nn
 
 from np_policy.action import RESIDUAL_LIMITS_FINAL, RESIDUAL_LIMITS_INITIAL
 from np_training.ppo import distributed
-from np_training.ppo.config import PPOConfig
+from np_training.ppo.config import PPOConfig, TrainConfig
 from np_training.ppo.curriculum import STAGES, Curriculum, CurriculumConfig, stage_limits
 from np_training.ppo.learner import STATISTICS, Learner, PolicySamples, advantages
 from np_training.ppo.networks import PreContactActor, distribution
@@ -106,9 +106,14 @@ def test_advantages_are_the_weighted_sums_of_their_definition(discount, trace):
         )
 
 
-def test_the_defaults_are_the_ones_of_the_table():
+def test_the_defaults_are_those_that_recipes_count_on():
     config = PPOConfig()
     assert (config.discount, config.trace, config.clip) == (0.99, 0.95, 0.2)
+    assert (config.epochs, config.minibatches, config.entropy, config.target_kl) == (5, 8, 0.0005, 0.01)
+    assert (config.rate, config.gradient_norm) == ((2e-5, 1e-3), 1.0)
+    config = TrainConfig()
+    assert (config.rollout, config.hold, config.tolerance, config.reflex) == (12, 3, 1.0, True)
+    assert (config.pre_least, config.stiffness, config.deviation) == (64, 0.0, None)
 
 
 @pytest.mark.parametrize("better", (-1.0, 1.0))
@@ -286,6 +291,15 @@ def test_a_learner_goes_on_from_what_another_has_kept():
     for mine, theirs in zip(second, first):
         assert all(torch.equal(a, b) for a, b in zip(mine.parameters(), theirs.parameters()))
     assert other.rate == learner.rate != kept
+
+
+def test_a_step_captured_with_the_memory_of_before_is_not_replayed_with_that_of_a_checkpoint():
+    """A graph on a GPU holds the addresses of the optimisers' tensors."""
+    learner = Learner(Gaussian(), Constant(), PLAIN)
+    learner.update(batch_of(learner.policy, torch.zeros(2, 1), torch.zeros(2)))
+    captured, state = learner._step, deepcopy(learner.state_dict())
+    learner.load_state_dict(state)
+    assert learner._step is not captured and learner._step.function == learner._descend
 
 
 def test_processes_that_have_the_same_samples_learn_what_one_of_them_does(monkeypatch):

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from np_control.kinematics import forward_kinematics
 from np_description.domains import BUMP, CARD
 from np_description.panda import NOMINAL
 from np_policy import hand_pose
+from np_policy.action import STIFFNESS
 from np_policy.networks import PreContactNetwork
 from np_training import train
 from np_training.environment import contact
@@ -189,6 +191,50 @@ def test_a_run_goes_on_from_a_released_checkpoint_at_its_learning_rate(environme
     theirs = before.networks.state_dict()
     assert all(torch.equal(value, theirs[name]) for name, value in after.networks.state_dict().items())
     after.iterate()
+
+
+def test_few_episodes_leave_the_contact_policy_as_it_is(environment, monkeypatch):
+    def played(least):
+        trainer, seen = Trainer(environment, TrainConfig(rollout=2, pre_least=least)), []
+        for learner in (trainer.post, trainer.pre):
+            monkeypatch.setattr(learner, "update", lambda samples: seen.append(len(samples.state)) or {"kl": 1.0})
+        row = trainer.iterate()
+        assert ("pre_kl" in row) == ("pre_std" in row) == (len(seen) == 2)
+        return seen
+
+    steps, episodes = played(1)
+    assert steps == 2 * WORLDS
+    assert played(episodes) == [steps, episodes] and played(episodes + 1) == [steps]
+
+
+def test_sums_of_a_step_leave_practice_out_of_the_domains_own_episodes(environment):
+    trainer = Trainer(environment, TrainConfig(rollout=1))
+    trainer.kinds = ["own", "roll"]
+    trainer.environment = SimpleNamespace(
+        domain=CARD, kind=torch.tensor([0, 0, 0, 1, 1]), age=torch.tensor([3, 5, 7, 11, 13]),
+        total=torch.tensor([1.0, 2.0, 4.0, 8.0, 16.0]), tips=None, goals=SimpleNamespace(position=None),
+    )  # fmt: skip
+    masks = {
+        "done": "11010", "success": "10010", "broken": "00001", "lost": "01010", "stopped": "01000", "pressed": "11010",
+        "timeout": "00110",
+    }  # fmt: skip
+    out = {name: torch.tensor([c == "1" for c in text]) for name, text in masks.items()}
+    finger, bare = torch.tensor([True, False, True, False, False]), torch.tensor([True, True, False, False, False])
+    out |= {
+        "touch": SimpleNamespace(finger=finger, bare=bare), "distance": torch.arange(5.0), "angle": 2 * torch.arange(5.0),
+        "terms": {"gains": torch.ones(5)},
+    }  # fmt: skip
+    assert {name: float(value) for name, value in trainer._count(out).items()} == {
+        "done": 2, "success": 1, "broken": 1, "lost": 1, "stopped": 1, "pressed": 2, "timeout": 0, "touching": 3,
+        "bare": 2, "length": 8, "total": 3, "end_distance": 1, "end_angle": 2, "done_roll": 1, "success_roll": 1,
+        "reward_gains": 5,
+    }  # fmt: skip
+
+
+def test_an_untrained_policy_commands_the_stiffness_of_the_setting(environment):
+    trainer = Trainer(environment, TrainConfig(stiffness=0.5))
+    assert trainer.networks.post.net[-1].bias[STIFFNESS].tanh().tolist() == pytest.approx([0.5] * 7)
+    assert Trainer(environment).networks.post.net[-1].bias[STIFFNESS].abs().max() == 0
 
 
 def test_a_row_of_the_log_has_means_over_episodes_steps_and_kinds_of_practice(environment):
