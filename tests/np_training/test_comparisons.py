@@ -38,6 +38,15 @@ def test_a_log_survives_a_kill_and_new_columns(tmp_path):
     assert len(path.read_text().splitlines()) == 1 + 3 + 2  # what the killed run logged is still there
 
 
+def test_a_row_that_a_kill_cut_short_does_not_spoil_the_next_one(tmp_path):
+    path = tmp_path / "log.csv"
+    TrainingLog(path).write({"iteration": 1, "success": 0.5})
+    with path.open("a") as file:
+        file.write("2,0.")
+    TrainingLog(path).write({"iteration": 2, "success": 0.75})
+    assert read_log(path) == [{"iteration": 1, "success": 0.5}, {"iteration": 2, "success": 0.75}]
+
+
 @pytest.mark.slow
 def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path, monkeypatch):
     options = [
@@ -78,7 +87,7 @@ def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path, monkeypatch
 
 
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=lambda d: d.name)
-def test_progress_names_what_is_going_on(domain, capsys):
+def test_progress_names_what_is_going_on(domain, capsys, monkeypatch):
     row = {
         "steps": 2_000_000,
         "steps_per_second": 250_000.0,
@@ -108,7 +117,10 @@ def test_progress_names_what_is_going_on(domain, capsys):
     ):
         assert part in text
     assert ("tips1 0.25" in text) == (domain is not CARD)
+    del row["randomisation"]
+    assert f"stage {STAGES + 1}/{STAGES}" in describe(row, 90)
     progress = TrainingProgress()
-    for _ in range(3):
+    for now, lines in ((1000.0, 1), (1059.0, 0), (1061.0, 1)):
+        monkeypatch.setattr("np_training.ppo.progress.time.monotonic", lambda now=now: now)
         progress.show(row, 90)
-    assert capsys.readouterr().err.count("\n") == 1  # no terminal: a line a minute
+        assert capsys.readouterr().err.count("\n") == lines  # no terminal: a line a minute

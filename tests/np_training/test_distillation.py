@@ -51,6 +51,19 @@ def test_the_rate_falls_in_a_line_to_a_thousandth_over_the_steps(monkeypatch):
     assert rates == pytest.approx([0.75e-3, 0.5e-3, 0.25e-3, 1e-6])
 
 
+def test_of_the_tasks_that_are_kept_the_oldest_give_way_to_new_ones(monkeypatch):
+    monkeypatch.setattr(distillation, "POOL", 4)
+    monkeypatch.setattr(distillation, "REUSE", 2)
+    drawn, shown = [], []
+    keypoints, observed = distillation._keypoints, distillation.noisy_observation
+    monkeypatch.setattr(distillation, "_keypoints", lambda *a: drawn.append(keypoints(*a)) or drawn[-1])
+    monkeypatch.setattr(distillation, "noisy_observation", lambda *a: shown.append(a[1]) or observed(*a))
+    distillation.distil(CARD, PreContactActor(), "cpu", minutes=0, batch=64, steps=8)
+    whose = {tuple(goal): number for number, (_, goals) in enumerate(drawn) for goal in goals.flatten(1).tolist()}
+    batches = [{whose[tuple(goal)] for goal in goals.flatten(1).tolist()} for goals in shown]
+    assert batches == [kept for kept in ({1, 2, 3, 4}, {2, 3, 4, 5}, {3, 4, 5, 6}, {4, 5, 6, 7}) for _ in range(2)]
+
+
 def test_minutes_end_the_teaching_where_no_steps_are_given(monkeypatch):
     rates, now = recorded(monkeypatch), iter((0.0, 30.0, 60.0, 150.0))
     monkeypatch.setattr(distillation, "time", SimpleNamespace(monotonic=lambda: next(now)))

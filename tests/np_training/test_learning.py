@@ -1,6 +1,8 @@
 """The learner by hand: advantages, the sign and the clip of the policy's gradient, entropy, critic, learning rate; the paper's constants."""
 
 import math
+import subprocess
+import sys
 from copy import deepcopy
 from dataclasses import replace
 
@@ -116,6 +118,12 @@ def test_the_defaults_are_those_that_recipes_count_on():
     assert (config.pre_least, config.stiffness, config.deviation) == (64, 0.0, None)
 
 
+def test_settings_are_read_without_pytorch():
+    """A command that only says what its options are does not wait for it."""
+    code = "import sys, np_training.ppo.config, np_training.tasks.rewards; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
 @pytest.mark.parametrize("better", (-1.0, 1.0))
 def test_of_two_arms_the_better_one_becomes_likelier(better):
     policy = Gaussian()
@@ -214,6 +222,13 @@ def test_the_rate_falls_where_the_policy_moves_far_and_rises_where_it_hardly_mov
     learner = Learner(Gaussian(), Constant(), PPOConfig(target_kl=0.01), rate=3e-4)
     learner._steer(torch.tensor(kl))
     assert learner.rate == pytest.approx(factor * 3e-4)
+
+
+@pytest.mark.parametrize("kl", [0.125, 0.5])
+def test_at_half_and_at_twice_the_divergence_that_is_aimed_at_the_rate_stays(kl):
+    learner = Learner(Gaussian(), Constant(), PPOConfig(target_kl=0.25), rate=3e-4)
+    learner._steer(torch.tensor(kl))
+    assert learner.rate == pytest.approx(3e-4)
 
 
 @pytest.mark.parametrize("kl, bound", [(1.0, 2e-5), (1e-6, 1e-3)])
