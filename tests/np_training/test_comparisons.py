@@ -1,7 +1,9 @@
 """A training run: its tolerance, its log, and how it goes on after a kill."""
 
+import io
 import subprocess
 import sys
+from collections import defaultdict
 
 import pytest
 import torch
@@ -84,6 +86,27 @@ def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path, monkeypatch
     rows = read_log(tmp_path / "log.csv")
     last = torch.load(tmp_path / "checkpoint.pt", weights_only=True)["iteration"]
     assert last == saved + 1 and [row["iteration"] for row in rows][:last] == list(range(1, last + 1))
+
+
+@pytest.mark.parametrize("live", [True, False])
+def test_a_terminal_shows_every_row_at_once_on_one_line_that_is_left_at_the_end(live):
+    class Terminal(io.StringIO):
+        shown = ""
+
+        def isatty(self):
+            return live
+
+        def flush(self):
+            self.shown = self.getvalue()
+
+    stream = Terminal()
+    progress, row = TrainingProgress(stream), defaultdict(float, stage=3)
+    for _ in range(2):
+        progress.show(row, 60)
+    line = describe(row, 60)
+    assert stream.shown == (2 * f"\r\x1b[K{line}" if live else f"{line}\n")
+    progress.end()
+    assert stream.shown == (2 * f"\r\x1b[K{line}" + "\n" if live else f"{line}\n")
 
 
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=lambda d: d.name)

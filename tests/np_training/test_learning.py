@@ -12,11 +12,14 @@ import torch
 from torch import nn
 
 from np_policy.action import RESIDUAL_LIMITS_FINAL, RESIDUAL_LIMITS_INITIAL
+from np_policy.observation import POST_SIZE
+from np_training.environment.environment import PRIVILEGED_SIZE
+from np_training.environment.object_poses import PRE_STATE_SIZE
 from np_training.ppo import distributed
 from np_training.ppo.config import PPOConfig, TrainConfig
 from np_training.ppo.curriculum import STAGES, Curriculum, CurriculumConfig, stage_limits
 from np_training.ppo.learner import STATISTICS, Learner, PolicySamples, advantages
-from np_training.ppo.networks import PreContactActor, distribution
+from np_training.ppo.networks import ActorCritic, PreContactActor, distribution
 from np_training.tasks.randomisation import PAPER as PAPER_CONDITIONS
 from np_training.tasks.randomisation import ROBUST, find_conditions
 from np_training.tasks.rewards import RewardConfig
@@ -279,6 +282,18 @@ def test_statistics_are_those_of_one_update():
     first, second = learner.update(batch), learner.update(batch)
     assert first["value_loss"] == pytest.approx(1.0)
     assert second["value_loss"] == pytest.approx((1 - 5e-4) ** 2, rel=1e-5)
+
+
+def test_minibatches_of_one_sample_or_none_count_as_their_samples_do():
+    batch = batch_of(Gaussian(), torch.zeros(2, 1), torch.zeros(2), returns=torch.ones(2))
+    said = Learner(Gaussian(), Constant(), PPOConfig(epochs=1, minibatches=4)).update(batch)
+    assert said["value_loss"] == pytest.approx((1 + 1 + 0 + 0) / 4, rel=1e-2)
+
+
+def test_a_critic_has_one_value_for_each_state():
+    networks = ActorCritic()
+    assert networks.post_value(torch.zeros(3, POST_SIZE + PRIVILEGED_SIZE)).shape == (3, 1)
+    assert networks.pre_value(torch.zeros(3, PRE_STATE_SIZE)).shape == (3, 1)
 
 
 def test_advantages_that_differ_by_rounding_alone_are_not_blown_up():

@@ -170,7 +170,9 @@ def test_both_learners_get_returns_against_their_critics_and_contacts_out_of_rea
         monkeypatch.setattr(
             getattr(trainer, name), "update", lambda samples, name=name: seen.update({name: samples}) or {}
         )
+    starts = environment.starts
     trainer.iterate()
+    assert environment.starts is not starts, "contacts are drawn anew, by the policy as it is"
     for name, critic in (("post", trainer.networks.post_value), ("pre", trainer.networks.pre_value)):
         with torch.no_grad():
             value = critic(seen[name].critic_state)[:, 0]
