@@ -10,12 +10,15 @@ from sim2real.arm.model import panda
 from sim2real.arm.nominal_prediction import predict_expected_torque
 from sim2real.checks.lack_of_fit import omnibus_test
 from sim2real.checks.stationarity import _has_slipped, find_patterns, measure_misfits
+from sim2real.effects.recurrences import bristle_state
 from sim2real.effects.transmission import transmission_hysteresis as transmission
+from sim2real.inference import estimates
 from sim2real.inference.context import make_context
 from sim2real.inference.regression import make_regression
 from sim2real.inference.search import ModelSearch
 from sim2real.recordings.signals import Log
 
+HYSTERESIS = "transmission_hysteresis"
 JOINT = 2  # counted from 0: the third
 
 
@@ -99,10 +102,9 @@ def test_a_drift_that_is_named_may_change_with_time(log):
         assert {m.stage for m in measure_misfits(search, tuple(sorted(members))) if m.question == "size"} == stages
 
 
-@pytest.mark.parametrize("width", [0.0, 1e-4])
-def test_hysteresis_shows_that_winds_up_by_less_than_the_noise_of_the_encoders(width):
-    """A twist of some tens of urad, in encoders of 10 urad: what winds it up is known from the load."""
-    log, stiffness, stroke = lively(), 1e5, 2e-4
+def wound_up(log, width, stroke, shaken=0.0):
+    """(log with the motor's angles, twist (n,) rad) of a gear with hysteresis at one joint; shaken: rad/s to and fro besides."""
+    stiffness = 1e5
     load = np.interp(
         log.time,
         log.time[::10],
@@ -114,12 +116,58 @@ def test_hysteresis_shows_that_winds_up_by_less_than_the_noise_of_the_encoders(w
     for torque in load:  # K (twist + width z) = torque, quasi-static
         moved = (torque - stiffness * (twist + width * bent)) / stiffness
         moved /= 1 + width / stroke * (1 - np.sign(moved) * bent)
-        bent += (moved - abs(moved) * bent) / stroke
+        bent += (moved - np.hypot(moved, shaken * PERIOD) * bent) / stroke
         twist += moved
         found.append(twist)
     motor = log.position + 1.4e-5 * np.random.default_rng(2).normal(size=log.position.shape)
     motor[:, JOINT] += found
-    context = make_context([replace(log, motor=motor)], panda())
+    return replace(log, motor=motor), np.array(found)
+
+
+def hysteresis_of(log):
+    """(its regressor, its parameters) where nothing but hysteresis at the joint explains a log."""
+    search = ModelSearch(make_regression(make_context([log], panda())))
+    members = [n for n, c in enumerate(search.design.candidates) if (c.effect.id, c.joint) == (HYSTERESIS, JOINT)]
+    chosen = max((search.model((n,)) for n in members), key=search.value)
+    return estimates.estimate(search, chosen, chosen.members[0], seed=0)
+
+
+@pytest.mark.parametrize("shaken", [1e-5, 2e-5, 4e-5])
+def test_an_interval_of_hysteresis_covers_gears_that_noise_shakes_more_or_less(shaken):
+    """How fast cannot be seen, and none of these is a speed that the search tries."""
+    true = {"width": 1.5e-4, "stroke": 2e-4}
+    _, found = hysteresis_of(wound_up(lively(), **true, shaken=shaken)[0])
+    assert all(found[name].low <= value <= found[name].high for name, value in true.items())
+
+
+def test_an_interval_of_hysteresis_holds_those_of_all_speeds_that_fit_as_well(monkeypatch):
+    log, _ = wound_up(lively(), 1.5e-4, 2e-4, shaken=2e-5)
+    monkeypatch.setattr(estimates, "between_model_deviations", lambda *_: {})
+    effect, found = hysteresis_of(log)
+    monkeypatch.setattr(transmission, "RIVALS", ())
+    _, alone = hysteresis_of(log)
+    assert effect.nonlinear.value == found["stroke"].value
+    for name, one in alone.items():
+        assert found[name].low <= one.low and one.high <= found[name].high
+        assert found[name].high - found[name].low > one.high - one.low
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0, 4.0])
+def test_a_gear_that_is_shaken_fast_shows_no_size_of_width_and_stroke(factor):
+    """Width, stroke and speed of shaking times a factor wind up the same torque: an interval has to cover them all."""
+    moved, stroke, shaken = 1e-9 * np.random.default_rng(3).normal(size=4000), 2e-4, 1e-7
+    torque = bristle_state(moved, stroke, shaken)
+    np.testing.assert_allclose(
+        factor * bristle_state(moved, factor * stroke, factor * shaken), torque, atol=5e-3 * torque.std()
+    )
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-4])
+def test_hysteresis_shows_that_winds_up_by_less_than_the_noise_of_the_encoders(width):
+    """A twist of some tens of urad, in encoders of 10 urad: what winds it up is known from the load."""
+    stroke = 2e-4
+    log, found = wound_up(lively(), width, stroke)
+    context = make_context([log], panda())
     effect = next(e for e in transmission.EFFECT.regressors(context) if e.key == "transmission_hysteresis[0.2 mrad]")
     straight = np.column_stack([np.ones(len(context.samples)), context.transmission.load[:, JOINT]])
     y = context.transmission.twist[:, JOINT]

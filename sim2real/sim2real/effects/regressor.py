@@ -68,6 +68,8 @@ class NonlinearParameter:
     """As in `Parameter`."""
     upper: float = np.inf
     """Largest value; beyond it the cause is another one of the same form."""
+    rivals: tuple[Callable[[float], EffectRegressor], ...] = ()
+    """`rebuild` under other assumptions of the law that a recording hardly tests: the interval covers all that fit as well."""
 
 
 Columns = Callable[[Context, int], np.ndarray]

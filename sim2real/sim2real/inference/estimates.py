@@ -8,7 +8,7 @@ import numpy as np
 
 from sim2real.effects.regressor import EffectRegressor
 from sim2real.inference.bootstrap import draw_counts
-from sim2real.inference.fit import ParameterFit, fit_parameters, parameter_indices, sub_gram
+from sim2real.inference.fit import ParameterFit, fit_parameters, parameter_indices, residual_sum_of_squares, sub_gram
 from sim2real.inference.model_averaging import between_model_deviations
 from sim2real.inference.regression import Candidate, RegressionProblem
 from sim2real.inference.residual_cells import ResidualCell, make_cell
@@ -50,26 +50,45 @@ def estimate(
     joints, inside = next(g for g in search.groups(model.members) if member in g[1])
     ids = search.ids(joints, inside)
     cells = [_narrow(cell, ids) for j in joints for cell in design.cells_of(j)]
-    effect, width = candidate.effect, 0.0
-    if effect.nonlinear is not None and refined:
-        effect, cells, width = _settle(design, cells, ids, candidate)
+    shapes = [(candidate.effect, cells, 0.0)]
+    if candidate.effect.nonlinear is not None and refined:
+        shapes = _settle_all(design, cells, ids, candidate)
     key = (joints, inside, seed)
     beside_curve = any(is_curve(design.candidates[m]) for m in inside)
-    if effect is not candidate.effect:
-        whole, half = _interval(cells, ids, design, seed, beside_curve)
-    else:  # of all members of the group that are as they were
-        if key not in search.intervals:
-            search.intervals[key] = _interval(cells, ids, design, seed, beside_curve)
-        whole, half = (values.copy() for values in search.intervals[key])
-    if width:
-        half = np.hypot(half, _shift(design, cells, ids, candidate, effect, width))
-    at = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
+    estimates = []
+    for effect, cells, width in shapes:
+        if effect is not candidate.effect:
+            whole, half = _interval(cells, ids, design, seed, beside_curve)
+        else:  # of all members of the group that are as they were
+            if key not in search.intervals:
+                search.intervals[key] = _interval(cells, ids, design, seed, beside_curve)
+            whole, half = (values.copy() for values in search.intervals[key])
+        if width:
+            half = np.hypot(half, _shift(design, cells, ids, candidate, effect, width))
+        at = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
+        estimates.append(_reported(design, effect, whole[at], half[at], width))
+    effect, found = shapes[0][0], _hull(estimates)
+    if effect.absorbs:
+        extra = average_absorbed(design, ids, whole, effect)
+        found = {
+            name: replace(e, value=e.value + extra, low=e.low + extra, high=e.high + extra) for name, e in found.items()
+        }
+    if refined:
+        unsure = between_model_deviations(search, joints, inside, member, seed)
+        found = {name: _widened(e, ESTIMATES.t95 * unsure.get(name, 0.0)) for name, e in found.items()}
+    return effect, found
+
+
+def _reported(
+    design: RegressionProblem, effect: EffectRegressor, values: np.ndarray, half: np.ndarray, width: float
+) -> dict[str, Estimate]:
+    """Parameters by the names of reports, of coefficients (p,) and a shape with these half widths."""
     known = np.array([p.background for p in effect.parameters])
     share = np.hypot(effect.model, _unweighed(design, effect))
-    half[at] = np.hypot(np.hypot(half[at], ESTIMATES.t95 * known), share * np.abs(whole[at]))
+    half = np.hypot(np.hypot(half, ESTIMATES.t95 * known), share * np.abs(values))
     found = {
-        p.name: Estimate(float(whole[i]), float(whole[i] - half[i]), float(whole[i] + half[i]), p.unit)
-        for p, i in zip(effect.parameters, at)
+        p.name: Estimate(float(v), float(v - h), float(v + h), p.unit)
+        for p, v, h in zip(effect.parameters, values, half)
     }
     nonlinear = effect.nonlinear
     if nonlinear is not None and nonlinear.linear:
@@ -82,15 +101,17 @@ def estimate(
         width = float(np.hypot(np.hypot(width, ESTIMATES.t95 * nonlinear.background), effect.model * nonlinear.value))
         value = float(nonlinear.value)
         found[nonlinear.name] = Estimate(value, value - width, value + width, nonlinear.unit)
-    if effect.absorbs:
-        extra = average_absorbed(design, ids, whole, effect)
-        found = {
-            name: replace(e, value=e.value + extra, low=e.low + extra, high=e.high + extra) for name, e in found.items()
-        }
-    if refined:
-        unsure = between_model_deviations(search, joints, inside, member, seed)
-        found = {name: _widened(e, ESTIMATES.t95 * unsure.get(name, 0.0)) for name, e in found.items()}
-    return effect, found
+    return found
+
+
+def _hull(estimates: list[dict[str, Estimate]]) -> dict[str, Estimate]:
+    """The first estimates, with intervals that hold those of all."""
+    return {
+        name: replace(
+            one, low=min(other[name].low for other in estimates), high=max(other[name].high for other in estimates)
+        )
+        for name, one in estimates[0].items()
+    }
 
 
 def _widened(one: Estimate, half: float) -> Estimate:
@@ -201,6 +222,32 @@ def _settle(design: RegressionProblem, cells: list[ResidualCell], ids: np.ndarra
                 best, best_cells, level = trial, changed, trace[other]
         step *= NARROWING if best.nonlinear.value == value else 1.0
     return best, best_cells, _width(best.nonlinear.value, level, trace)
+
+
+def _settle_all(design: RegressionProblem, cells: list[ResidualCell], ids: np.ndarray, candidate: Candidate):
+    """`_settle` of the effect and of its rivals: all that the likeliest does not surely beat (Vuong 1989), the middle shape first."""
+    settled = [_settle(design, cells, ids, candidate)]
+    for rival in candidate.effect.nonlinear.rivals:
+        effect = rival(settled[-1][0].nonlinear.value)  # near where that of the neighbour has settled
+        changed = replace_regressor(design, cells, candidate, effect)
+        settled.append(_settle(design, changed, ids, replace(candidate, effect=effect)))
+    density = np.array([_block_likelihood(cells, ids, design) for _, cells, _ in settled])
+    behind = density[density.sum(axis=1).argmax()] - density
+    error = np.sqrt(behind.shape[1]) * behind.std(axis=1)
+    as_likely = behind.sum(axis=1) <= np.maximum(ESTIMATES.interval_fall, ESTIMATES.t95 * error)
+    chosen = sorted((one for one, is_so in zip(settled, as_likely) if is_so), key=lambda one: one[0].nonlinear.value)
+    middle = len(chosen) // 2
+    return [chosen[middle], *chosen[:middle], *chosen[middle + 1 :]]
+
+
+def _block_likelihood(cells: list[ResidualCell], ids: np.ndarray, design: RegressionProblem) -> np.ndarray:
+    """Log likelihood (m,) of each block at the fit to everything, nats."""
+    whole, density = _whole(cells, ids, design), 0.0
+    for cell, variance in zip(cells, whole.variance[:, 0]):
+        columns, at = parameter_indices(cell, ids)
+        squares = residual_sum_of_squares(sub_gram(cell.test, columns), whole.parameters[:, at])
+        density = density - 0.5 * (cell.test_rows * np.log(variance) + squares / variance)
+    return density
 
 
 def _shift(
