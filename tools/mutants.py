@@ -42,6 +42,7 @@ OF_CONTROL = (
     "np_control/test_*.py",
     "np_franka/test_franka_driver.py",
     "np_franka/test_franka_onboard.py",
+    "np_franka/test_numbers.py",
     "np_policy/test_contract.py",
     "np_policy/test_episode*.py",
     "np_policy/test_policy.py",

@@ -41,6 +41,7 @@ def test_a_plan_that_comes_before_the_episode_has_taken_it_waits():
     following = RealtimeCommandInput(controller := Controller())
     answers(controller, 1)
     following.enter("pre")
+    assert following.trajectory(None) is False and not following.has_plan  # no plan could be made
     assert not following.trajectory(quintic(READY + 0.3, 1.0)) and following.has_plan
     assert (answers(controller, 50, first=1)[-1].position == READY).all()
     assert following.enter("approach") and not following.has_plan
@@ -187,8 +188,11 @@ def test_the_gate_opens_only_for_what_belongs_to_the_tick():
     assert gate.missing(3 * TICK) is None
     assert gate.take(3 * TICK).target == ("pose", "gains")
     gate.tick(4 * TICK, PhaseState("post"))
+    gate.pose(4 * TICK, "pose")
+    assert gate.missing(4 * TICK) == "target_gains"  # those of the target before are used up
+    gate.tick(5 * TICK, PhaseState("post"))
     gate.gains("gains")
-    assert gate.missing(4 * TICK) == "target_pose"
+    assert gate.missing(5 * TICK) == "target_pose"
 
 
 def test_the_gate_waits_for_a_plan_in_every_episode():

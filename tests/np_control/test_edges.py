@@ -76,6 +76,21 @@ def test_a_first_target_at_the_tolerance_is_taken():
             refused(Reason.START, safety.offer, *arguments, now=PERIOD)
 
 
+@pytest.mark.parametrize("joint", range(7))
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_trajectory_that_begins_too_far_from_one_joint_is_refused_by_its_name(joint, side):
+    controller = Controller(limits=replace(LIMITS, start_tolerance=0.125))
+    controller.observe(0, READY, ZERO)
+    for shift, refuses in ((0.125, False), (0.25, True)):
+        path = Trajectory(np.zeros(1), READY[None] + side * shift * np.eye(7)[joint], np.zeros((1, 7)))
+        if refuses:
+            with pytest.raises(Refusal, match=f"begins with {LIMITS.joints[joint]} at .* 0.250 rad from") as refusal:
+                controller.follow(path)
+            assert refusal.value.reason is Reason.START
+        else:
+            controller.follow(path)
+
+
 def test_a_backend_starts_idle_and_says_what_led_to_each_state():
     dog = Watchdog(LIMITS)
     assert (dog.state, dog.cause, dog.may_move) == (State.IDLE, "not started", False)

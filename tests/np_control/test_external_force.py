@@ -37,7 +37,9 @@ def test_a_held_arm_on_which_a_force_acts_estimates_it_after_the_filter_has_sett
     np.testing.assert_allclose(estimate.wrench, wrench, rtol=0.03, atol=0.1)
     np.testing.assert_allclose(estimate.raw, estimate.wrench, atol=1e-6)
     observer.reset()
-    assert not observer.last.wrench.any() and observer.last.share == 0
+    none = observer.last
+    assert [part.tolist() for part in (none.torque, none.wrench, none.raw)] == [[0.0] * 7, [0.0] * 6, [0.0] * 6]
+    assert none.share == 0
 
 
 def test_a_payload_that_the_model_does_not_know_is_external_and_a_rougher_joint_is_not():
@@ -101,12 +103,24 @@ def test_the_figures_of_an_episode_are_those_of_its_touches_and_say_what_gave_th
     )
 
 
+def test_an_episode_without_a_touch_has_a_largest_force_and_no_other():
+    assert watched(OBSERVE, [1, 2])[0].figures.force_n == {"median": 0.0, "q99": 0.0, "max": 2.0}
+
+
+def test_what_presses_is_asked_for_at_a_new_peak_only_and_the_first_of_two_equal_ones_counts():
+    watch, asked = ForceWatch(OBSERVE), []
+    for body in ("finger", "housing"):
+        watch.add(force(20), lambda: asked.append(body) or {body: 20.0})
+    assert asked == ["finger"] and watch.figures.body == "finger"
+
+
 def test_a_summary_is_of_the_episodes_largest_forces():
     figures = [watched(OBSERVE, forces)[0].figures for forces in ([5, 20], [30, 10], [50, 4])]
     found = summary(figures)
     assert found["force_n"]["median"] == 30 and found["force_n"]["max"] == 50 and found["force_episodes"] == 3
     assert found["reflex_stops"] == {"40": 1, "25": 2} and found["peak_by"] == {"finger": 2, "housing": 1}
     assert summary([]) == {}
+    assert summary([watched(OBSERVE, [12.3456])[0].figures])["force_n"] == dict.fromkeys(("median", "q99", "max"), 12.3)
     json.dumps(found)
 
 

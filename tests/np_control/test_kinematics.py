@@ -1,5 +1,7 @@
 """Forward kinematics, Jacobian and inverse kinematics against MuJoCo, Pinocchio and finite differences."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -60,6 +62,16 @@ def test_one_configuration_is_what_it_is_as_a_row_of_many(q, shift, turn):
     many = solve_ik(rows, *(np.stack([part, part]) for part in goal))[0]
     np.testing.assert_allclose(solve_ik(q, *goal), many, atol=1e-9)
     assert (vector_from_matrix(goal[1]) == vector_from_matrix(goal[1][None])[0]).all()
+
+
+@given(joints)
+def test_a_turned_end_effector_is_turned_for_one_configuration_as_for_many(q):
+    turned = replace(NOMINAL.frames["hand_tcp"], quaternion=np.array([0.8, 0.6, 0.0, 0.0]))
+    panda = replace(NOMINAL, frames=NOMINAL.frames | {"hand_tcp": turned})
+    _, expected = forward_kinematics(np.stack([q, q]), panda)
+    assert pose_distance(q, forward_kinematics(q)[0], expected[0], panda)[1] < 1e-7
+    goal = forward_kinematics(q, panda)
+    np.testing.assert_allclose(solve_ik(q, *goal, panda=panda), q, atol=1e-9)
 
 
 def test_one_rotation_is_what_it_is_as_a_row_of_many():

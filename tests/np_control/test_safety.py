@@ -23,6 +23,7 @@ from np_control.safety import (
     torque_bounds,
     velocity_bounds,
 )
+from np_control.safety.refusals import check_finite
 from np_description.panda import JOINT_NAMES, NOMINAL
 
 PERIOD = LIMITS.period_ns
@@ -77,6 +78,8 @@ def test_many_arms_are_guarded_as_one_is(arms):
     together, _ = limit_torque(LIMITS, wanted, previous, q, dq)
     for row, one in enumerate(together):
         assert np.array_equal(one, limit_torque(LIMITS, wanted[row], previous[row], q[row], dq[row])[0])
+    by_rows, _ = limit_torque(LIMITS, *(array[:, None] for array in (wanted, previous, q, dq)))
+    assert np.array_equal(by_rows[:, 0], together)
 
 
 @given(positions, velocities)
@@ -101,12 +104,12 @@ def test_torque_towards_a_bound_can_be_taken_back_before_the_bound(q, dq):
 
 @given(positions, velocities)
 def test_beyond_a_bound_braking_is_owed(q, dq):
-    """In proportion to the excess, up to the torque limit, however hard it is to take back."""
+    """In proportion to the excess, up to the torque limit, however hard it is to take back; and no more."""
     slowest, fastest = velocity_bounds(LIMITS, q)
     lower, upper = torque_bounds(LIMITS, q, dq)
     for excess, braking in ((dq - fastest, -upper), (slowest - dq, lower)):
         owed = np.minimum(LIMITS.torque * excess / (LIMITS.speed_fraction * LIMITS.velocity), LIMITS.torque)
-        assert (braking >= owed - 1e-9)[excess > 0].all()
+        np.testing.assert_allclose(braking[excess > 0], owed[excess > 0], atol=1e-9)
 
 
 def test_the_workspace_is_before_the_base_and_a_target_behind_it_is_refused():
@@ -128,6 +131,7 @@ def test_numbers_that_are_not_finite_are_refused(bad):
         limit_target(LIMITS, np.array([0.5, bad, 0.1]))
     with pytest.raises(Refusal):
         limit_gains(broken, np.ones(7))
+    check_finite(large=np.full(7, 1e200))  # though their squares are infinite
 
 
 @given(arrays(float, 3, elements=st.floats(-2, 2)))
@@ -224,6 +228,7 @@ def started():
 
 def test_the_first_command_must_hold_the_measured_pose():
     safety = started()
+    assert safety.refusals.last == "" and safety.refusals.total == 0
     with pytest.raises(Refusal, match="first target of panda_joint1: expected the measured position"):
         safety.offer(**command(position=READY + [0.2, 0, 0, 0, 0, 0, 0]), now=10 * PERIOD)
     assert safety.state is State.READY and safety.refusals.nonzero() == {"start": 1}
@@ -275,6 +280,19 @@ def test_recovery_is_refused_while_the_arm_moves_or_has_not_been_seen():
     safety.apply(PERIOD, READY, np.full(7, 0.01))
     safety.recover(READY)
     assert safety.state is State.READY
+
+
+@given(positions)
+def test_recovery_holds_the_arm_where_it_is_now(moved):
+    """Someone may have moved it since the last period."""
+    safety = started()
+    safety.offer(**command(stamp=12 * PERIOD), now=12 * PERIOD)
+    safety.apply(12 * PERIOD, READY, ZERO)
+    safety.stop("test")
+    safety.recover(moved)
+    held = safety.apply(13 * PERIOD, moved, ZERO)
+    np.testing.assert_array_equal(held.position, moved)
+    assert held.state is State.READY
 
 
 def pushed(safety):

@@ -1,5 +1,7 @@
 """Trajectories: interpolation, exact extremes, refusals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -62,6 +64,25 @@ def test_extremes_bound_every_sample_and_are_attained(trajectory):
     everywhere = np.vstack([positions, trajectory.positions])
     assert np.abs(everywhere.min(axis=0) - lower).max() < 0.05
     assert np.abs(everywhere.max(axis=0) - upper).max() < 0.05
+
+
+@given(trajectories())
+def test_a_way_from_rest_to_rest_goes_to_its_points_exactly_and_not_a_bit_beyond(trajectory):
+    """A point may lie at a joint's limit."""
+    lower, upper, _ = replace(trajectory, velocities=np.zeros_like(trajectory.velocities)).extremes()
+    np.testing.assert_array_equal(lower, trajectory.positions.min(axis=0))
+    np.testing.assert_array_equal(upper, trajectory.positions.max(axis=0))
+
+
+@pytest.mark.parametrize("joint", range(7))
+def test_a_trajectory_as_fast_as_may_be_is_taken_and_a_faster_one_refused_by_its_joint(joint):
+    table = [there_and_back()[name] for name in ("times", "positions", "velocities")]
+    speed = Trajectory(*table).extremes()[2]
+    make_trajectory(*table, replace(LIMITS, velocity=speed, speed_fraction=1.0))
+    less = np.where(np.arange(7) == joint, np.nextafter(speed, 0), speed)
+    with pytest.raises(Refusal, match=LIMITS.joints[joint]) as refusal:
+        make_trajectory(*table, replace(LIMITS, velocity=less, speed_fraction=1.0))
+    assert refusal.value.reason is Reason.VELOCITY
 
 
 def test_it_rests_before_and_after():

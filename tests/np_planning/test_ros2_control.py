@@ -61,6 +61,9 @@ def test_what_breaks_a_rule_is_named(plan):
         change(message)
         return message
 
+    def shift_start(message, joint, by):
+        message.points[0].positions = (NOMINAL.ready + by * np.eye(7)[joint]).tolist()
+
     def last_first(message):
         message.points = message.points[::-1]
 
@@ -70,12 +73,19 @@ def test_what_breaks_a_rule_is_named(plan):
         "increasing": last_first,
         "expected 0, from now on": lambda m: setattr(m.header.stamp, "sec", 5),
         "effort: expected none": lambda m: setattr(m.points[0], "effort", [0.0] * 7),
-        "rest at the end": lambda m: setattr(m.points[-1], "velocities", [0.1] * 7),
-        "start within": lambda m: setattr(m.points[0], "positions", (NOMINAL.ready + 0.02).tolist()),
+        "rest at the end": lambda m: setattr(m.points[-1], "velocities", [0.0, -0.1, *[0.0] * 5]),
+        "start within .* 0.0200 rad at fr3_joint1": lambda m: shift_start(m, 0, 0.02),
+        "start within .* 0.0300 rad at fr3_joint7": lambda m: shift_start(m, 6, -0.03),
         "fr3_joint1 within its limits": lambda m: setattr(m.points[1], "positions", [3.0, *NOMINAL.ready[1:]]),
     }.items():
         with pytest.raises(BadMessage, match=match):
             check_trajectory(broken(change), FR3, NOMINAL.ready, LIMITS)
+
+
+@pytest.mark.parametrize("limit", [LIMITS.position_lower, LIMITS.position_upper], ids=["lower", "upper"])
+def test_a_plan_may_touch_the_limits(limit):
+    plan = trajectory_message(0, JOINT_NAMES, [0.0, 9.0], np.stack([NOMINAL.ready, limit]), np.zeros((2, 7)))
+    check_trajectory(as_controller_takes(plan, FR3), FR3, NOMINAL.ready, LIMITS)
 
 
 def state(q):

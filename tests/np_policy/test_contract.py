@@ -17,13 +17,15 @@ from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS
 from np_description.camera import CAMERA
 from np_description.contact.definition import contact_definition
 from np_description.contact.model import HARD, OBJECT_FRICTION, SOFT
-from np_description.domains import BUMP, CARD, DOMAINS, find_domain
+from np_description.domains import BUMP, CARD, DOMAINS, Pose, find_domain
+from np_description.keypoints import box_keypoints
 from np_description.symmetry import canonicalize_keypoints
 from np_description.weights.contract import KEY
 from np_description.weights.header import read_metadata, tensors_sha256, with_metadata
 from np_description.weights.released import WeightsError, sha256
 from np_perception.contract import DetectorContract
 from np_perception.detector import KeypointDetector
+from np_perception.pose_estimation import project_keypoints
 from np_policy import action, hand_pose, observation
 from np_policy.contract import KINDS, POST_CONTACT, PolicyContract, check_weights, residual_limits, weights_file
 from np_policy.networks import PostContactNetwork
@@ -226,6 +228,25 @@ def test_the_observations_are_what_their_versions_say():
     assert (observation.POST_VERSION, digest(post)) == (1, "2cf78073e0314f43"), WHY
     student = observation.student_observation(*canonicalize_keypoints(BUMP, *pixels))
     assert (observation.STUDENT_VERSION, digest(student)) == (1, "67b014e96ca7ddef"), WHY
+
+
+def test_tensors_are_observed_as_arrays_are():
+    batch = np.broadcast_to(ROTATION, (2, 3, 3, 3))
+    arrays = wave(2, 3, 9), wave(2, 3, 9), wave(2, 3, 8, 2), wave(2, 3, 8, 2) ** 2, wave(2, 3, 3), batch, wave(2, 3, 20)
+    for observe, given in (
+        (observation.post_contact_observation, arrays),
+        (observation.student_observation, arrays[2:4]),
+    ):
+        seen = observe(*given)
+        np.testing.assert_allclose(observe(*(torch.tensor(array) for array in given)), seen, rtol=0, atol=1e-12)
+        assert seen.shape == (2, 3, {7: observation.POST_SIZE, 2: observation.STUDENT_SIZE}[len(given)])
+
+
+def test_corners_are_seen_where_the_keypoints_of_their_pose_are():
+    pose = Pose(np.array([0.5, 0.1, 0.05]), np.array([0.8, 0.0, 0.0, 0.6]))
+    seen = observation.normalise_keypoints(box_keypoints(CARD.half_size, pose.position, pose.quaternion))
+    pixels = project_keypoints(CARD, pose)[:, :2]
+    np.testing.assert_allclose(seen, CAMERA.normalise(pixels), atol=1e-12)
 
 
 def test_the_actions_are_what_their_versions_say():

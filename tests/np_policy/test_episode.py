@@ -164,7 +164,7 @@ def test_a_fault_ends_the_episode_and_forbids_the_next():
     assert episode.backend("stopped: joint 3") == []
     with pytest.raises(InputRefusal, match="stopped: joint 3"):
         episode.start()
-    assert phases(episode.backend("")) == ["idle"]
+    assert phases(episode.backend("")) == ["idle"] and episode.phase == IDLE
     assert episode.backend("") == []
     assert phases(episode.start()) == ["pre"]
 

@@ -17,7 +17,6 @@ def build_model(panda: PandaModel = NOMINAL, finger_opening: float = 0.0) -> pin
     finger_opening: of each finger, m. Rotors are the model's armature; it has no joint friction.
     """
     model = pin.Model()
-    model.name = "panda"
     parent = 0
     for i, name in enumerate(panda.joints):
         parent = model.addJoint(
@@ -39,7 +38,7 @@ def build_model(panda: PandaModel = NOMINAL, finger_opening: float = 0.0) -> pin
         model.appendBodyToJoint(parent, _inertia(panda.inertials["finger"]), placement)
     placement = hand * _placement(panda.frames["hand_tcp"])
     # Without its inertia of nothing, which would still change the last bit of the last link's centre of mass.
-    model.addFrame(pin.Frame(TCP_FRAME, parent, 0, placement, pin.FrameType.OP_FRAME), False)
+    model.addFrame(pin.Frame(TCP_FRAME, parent, placement, pin.FrameType.OP_FRAME), False)
     model.armature = panda.armature.copy()
     return model
 
