@@ -88,8 +88,8 @@ def test_a_row_says_the_force_the_body_and_the_stops_and_a_summary_those_of_all(
 
 
 def test_a_stop_ends_the_episode_as_a_fault(played, monkeypatch):
-    """With thresholds of a fifth: the released policy presses with less than the whole."""
-    fifth = ForceReflex(FORCE_REFLEX.torque / 5, FORCE_REFLEX.force / 5, FORCE_REFLEX.moment / 5)
+    """With a fifth of the force's threshold: the released policy presses with less than the whole."""
+    fifth = ForceReflex(FORCE_REFLEX.torque, FORCE_REFLEX.force / 5, FORCE_REFLEX.moment)
     monkeypatch.setattr(external_force, "FORCE_REFLEX", fifth)
     stopped = InProcessRollout(WALL, "mujoco", seed=5, force_reflex=STOP).play(0)
     assert not stopped.success and stopped.declared == stopped.failed_in == "fault"
