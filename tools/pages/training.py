@@ -33,7 +33,7 @@ place of 10 s.""",
 AFTER = {
     "card": """With 30 s an episode the goals for any yaw are met in steady contacts, and in hard ones but for stiffness 4: nominal 0.99, `paper` 0.97,
 four times as stiff 0.92. To 90 degrees 0.996 of 502 succeed there, beyond 135 degrees 0.660 of 259; the others run out of time. The machine's time
-ended before the other sizes and masses were judged in hard contacts. The release before needed 23 of 1,000 nominal episodes more than its 20 s; its
+ended before the other sizes and masses were judged in hard contacts. Of the release before, 23 of 1,000 nominal episodes did not end within 20 s; its
 rows are under "Last stages". The student is 0.60 mm from its teacher.""",
     "bump": """The student had 5 minutes of distillation and is 1.2 mm from its teacher, in the mean of tasks of sizes 0.8, 1 and 1.2. The policy
 itself is what fails at other sizes. At 0.8 most failures are late, at 1.2 most are stopped by the reflex. At 1.2 the housing touches in 9 % of the
