@@ -66,13 +66,15 @@ def estimate(
         if width:
             half = np.hypot(half, _shift(design, cells, ids, candidate, effect, width))
         at = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
-        estimates.append(_reported(design, effect, whole[at], half[at], width))
+        found = _reported(design, effect, whole[at], half[at], width)
+        if effect.absorbs:
+            extra = average_absorbed(design, ids, whole, effect)
+            found = {
+                name: replace(e, value=e.value + extra, low=e.low + extra, high=e.high + extra)
+                for name, e in found.items()
+            }
+        estimates.append(found)
     effect, found = shapes[0][0], _hull(estimates)
-    if effect.absorbs:
-        extra = average_absorbed(design, ids, whole, effect)
-        found = {
-            name: replace(e, value=e.value + extra, low=e.low + extra, high=e.high + extra) for name, e in found.items()
-        }
     if refined:
         unsure = between_model_deviations(search, joints, inside, member, seed)
         found = {name: _widened(e, ESTIMATES.t95 * unsure.get(name, 0.0)) for name, e in found.items()}
@@ -227,6 +229,8 @@ def _settle(design: RegressionProblem, cells: list[ResidualCell], ids: np.ndarra
 def _settle_all(design: RegressionProblem, cells: list[ResidualCell], ids: np.ndarray, candidate: Candidate):
     """`_settle` of the effect and of its rivals: all that the likeliest does not surely beat (Vuong 1989), the middle shape first."""
     settled = [_settle(design, cells, ids, candidate)]
+    if not candidate.effect.nonlinear.rivals:
+        return settled
     for rival in candidate.effect.nonlinear.rivals:
         effect = rival(settled[-1][0].nonlinear.value)  # near where that of the neighbour has settled
         changed = replace_regressor(design, cells, candidate, effect)
