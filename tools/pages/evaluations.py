@@ -30,7 +30,7 @@ STRANGER = """The figures of PhysX are of version 2 of the engine ([contacts](st
 Rigid theory has no such gap, and a bench that was written after these failures shows it. The mend was chosen by the bench; no episode of a task was
 used. What is left of bump and wall in PhysX is force: most failures are stops by the reflex. The bump's largest blows come from the hand's housing;
 two of its six failures by true corners are late, and one threw the cube out of sight. The wall's policy of 2026-11-28 had 28 of 30 by true corners
-and 23 of 24 by camera, and pressed more in both engines. MuJoCo alone chooses a release. How a real robot would do is not known."""
+and 23 of 24 by camera, and pressed more in the median of both engines. MuJoCo alone chooses a release. How a real robot would do is not known."""
 
 
 def read(folder: Path) -> Iterator[tuple[str, str, str, Mapping]]:
