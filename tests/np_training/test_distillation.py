@@ -8,8 +8,11 @@ import torch
 from safetensors.torch import load_file
 from sim2real.effects.patch import Patch
 
+from np_control.kinematics import forward_kinematics
 from np_description.domains import CARD
+from np_description.panda import NOMINAL
 from np_description.weights.header import read_metadata
+from np_policy import hand_pose
 from np_policy.networks import PreContactNetwork
 from np_policy.observation import normalise_keypoints, student_observation
 from np_training.environment.object_poses import canonical_poses, corners
@@ -105,3 +108,11 @@ def test_of_a_checkpoint_the_contact_policy_is_taught_and_both_policies_are_writ
         tensors = load_file(path)
         assert all(torch.equal(mine, tensors[name]) for name, mine in network.state_dict().items())
         assert played.items() <= read_metadata(path).items()
+
+
+def test_student_output_and_pose_are_inverse():
+    q = torch.tensor(NOMINAL.ready) + 0.2 * torch.randn(20, 7, dtype=torch.float64)
+    position, rotation = forward_kinematics(q)
+    width = torch.linspace(0, 0.04, 20, dtype=torch.float64)
+    p, r, w = hand_pose.decode(hand_pose.encode(position, rotation, width))
+    assert (p - position).abs().max() < 1e-6 and (r - rotation).abs().max() < 1e-6 and (w - width).abs().max() < 1e-6

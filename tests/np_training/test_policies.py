@@ -11,10 +11,8 @@ import torch
 
 from np_common.rotations import quaternion_from_matrix, rotation_angle
 from np_control.impedance import torque
-from np_control.kinematics import forward_kinematics
 from np_description.domains import BUMP, CARD
 from np_description.panda import NOMINAL
-from np_policy import hand_pose
 from np_policy.action import STIFFNESS
 from np_policy.networks import PreContactNetwork
 from np_training import train
@@ -26,12 +24,10 @@ from np_training.episodes.evaluation import evaluate
 from np_training.physics.batched import BatchedPhysics
 from np_training.physics.config import PhysicsConfig
 from np_training.ppo import curriculum
-from np_training.ppo import learner as ppo
 from np_training.ppo.config import TrainConfig
 from np_training.ppo.distillation import Student, distil, shares_with
 from np_training.ppo.networks import ActorCritic, PreContactActor, sample
 from np_training.ppo.trainer import Trainer
-from np_training.ppo.trainer import _force_figures as force_figures
 from np_training.reports.releasing import without_optimisers
 from np_training.tasks.poses import sample_tasks
 from np_training.tasks.randomisation import PAPER
@@ -128,14 +124,6 @@ def test_randomised_episodes_stay_sound(environment):
         assert not out["broken"].any() and torch.isfinite(out["reward"]).all()
         assert all(torch.isfinite(part).all() for part in environment.observe())
         environment.reset(out["done"].nonzero()[:, 0])
-
-
-def test_advantages_are_the_returns_where_lambda_and_the_values_say_so():
-    config = ppo.PPOConfig(discount=0.9, trace=1.0)
-    reward = torch.tensor([[1.0], [2.0], [3.0]])
-    done = torch.tensor([[False], [True], [False]])
-    gain = ppo.advantages(config, reward, done, torch.zeros(3, 1), torch.tensor([10.0]))
-    assert torch.allclose(gain[:, 0], torch.tensor([1 + 0.9 * 2, 2.0, 3 + 0.9 * 10]))
 
 
 def test_training_runs_and_goes_on_where_it_stopped(tmp_path, monkeypatch, capsys):
@@ -262,12 +250,6 @@ def test_a_row_of_the_log_has_means_over_episodes_steps_and_kinds_of_practice(en
     assert empty["steps"] == 10 * WORLDS and empty["success"] == empty["bare"] == 0 and empty["success_mean"] == 0.5
 
 
-def test_forces_of_ended_episodes_have_a_median_a_quantile_and_a_largest():
-    assert force_figures(torch.zeros(0)) == {}
-    figures = force_figures(torch.arange(101.0))
-    assert figures == pytest.approx({"force_median": 50, "force_q99": 99, "force_max": 100})
-
-
 def test_a_stage_of_a_recipe_is_over_by_its_steps_or_by_a_window_of_success_under_full_randomisation(environment):
     trainer = Trainer(environment, TrainConfig(rollout=1))
     trainer.steps = 100
@@ -334,32 +316,6 @@ def test_a_checkpoint_brings_back_everything_but_the_episodes_under_way(environm
     environment.config = config
 
 
-def test_rows_that_fill_a_minibatch_up_count_for_nothing():
-    def updated(filled: bool) -> tuple[list[torch.Tensor], dict[str, float]]:
-        torch.manual_seed(3)
-        networks = ActorCritic()
-        learner = ppo.Learner(networks.pre, networks.pre_value, ppo.PPOConfig(epochs=2, minibatches=3))
-        learner._captures, reckon = filled, learner._reckon  # as on a GPU, where shapes have to be few
-        learner._reckon = lambda *columns: (lengths.add(len(columns[0])), reckon(*columns))
-        state = torch.randn(100, PRE_STATE_SIZE)
-        action, log_probability = sample(networks.pre, state)
-        figures = learner.update(
-            ppo.PolicySamples(
-                state, state, action.detach(), log_probability.detach(), torch.randn(100), torch.randn(100)
-            )
-        )
-        return [p.detach() for p in networks.parameters()], figures
-
-    lengths = set()
-    plain, figures = updated(False)
-    assert lengths == {33, 34}
-    lengths.clear()
-    filled, same = updated(True)
-    assert lengths == {2048}
-    assert all((a - b).abs().max() < 1e-5 for a, b in zip(plain, filled))
-    assert same == pytest.approx(figures, rel=1e-3, abs=1e-6)
-
-
 def test_actions_are_drawn_no_wider_than_the_setting_once_randomised(environment):
     wide = Trainer(environment, TrainConfig(rollout=1))
     narrow = Trainer(environment, TrainConfig(rollout=1, deviation=0.1))
@@ -371,14 +327,6 @@ def test_actions_are_drawn_no_wider_than_the_setting_once_randomised(environment
         narrow.iterate()
         assert narrow.networks.post.log_std.exp().max() <= most + 1e-6
     assert wide.networks.post.log_std.exp().min() > 0.4
-
-
-def test_student_output_and_pose_are_inverse():
-    q = torch.tensor(NOMINAL.ready) + 0.2 * torch.randn(20, 7, dtype=torch.float64)
-    position, rotation = forward_kinematics(q)
-    width = torch.linspace(0, 0.04, 20, dtype=torch.float64)
-    p, r, w = hand_pose.decode(hand_pose.encode(position, rotation, width))
-    assert (p - position).abs().max() < 1e-6 and (r - rotation).abs().max() < 1e-6 and (w - width).abs().max() < 1e-6
 
 
 def test_distillation_brings_the_student_to_the_teacher():

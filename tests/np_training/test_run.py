@@ -15,6 +15,7 @@ from np_training.ppo import training
 from np_training.ppo.config import PPOConfig, TrainConfig
 from np_training.ppo.curriculum import CurriculumConfig
 from np_training.ppo.log import read_log
+from np_training.ppo.trainer import _force_figures as force_figures
 from np_training.tasks.randomisation import ROBUST
 
 SETTING = {"domain": "card", "object": "default", "max_opening": 0.005}
@@ -182,3 +183,9 @@ def test_a_run_goes_on_from_its_own_checkpoint_and_begins_its_recipe_anew_with_a
 def test_a_recipe_that_is_through_is_not_trained_again(tmp_path):
     own = kept(tmp_path / "checkpoint.pt", 50)
     assert training.run(options(tmp_path), "cpu") == {"checkpoint": str(own), "done": True}
+
+
+def test_forces_of_ended_episodes_have_a_median_a_quantile_and_a_largest():
+    assert force_figures(torch.zeros(0)) == {}
+    figures = force_figures(torch.arange(101.0))
+    assert figures == pytest.approx({"force_median": 50, "force_q99": 99, "force_max": 100})
