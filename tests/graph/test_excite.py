@@ -8,9 +8,9 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_tools import Graph
 from sensor_msgs.msg import JointState
-from sim2real.checks.control_loop import find_loop_timing
 from sim2real.excitation.suite import LOW_DAMPING, make_suite
 from sim2real.recordings.loop_record import read_loop_record
+from sim2real.recordings.loop_timing import find_loop_timing
 
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS

@@ -12,9 +12,10 @@ from bags import record_episode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
-from sim2real.checks.control_loop import LOOP, explain_effect, find_loop_timing
+from sim2real.cli import diagnose_task
 from sim2real.diagnosis import diagnose
 from sim2real.recordings.loop_record import LoopRecord, NodeReports, collect_reports
+from sim2real.recordings.loop_timing import LOOP, explain_effect, find_loop_timing
 from sim2real.recordings.reading import ContractViolation, load_bag
 from sim2real.recordings.signals import Commands
 from sim2real.report.control_loop import describe_loops
@@ -241,7 +242,6 @@ def test_what_was_not_recorded_is_unknown():
     driver = of.nodes["franka_driver"]
     few = NodeReports(driver.time[:5], {k: v[:5] for k, v in driver.values.items()}, driver.words[:5])
     cases = {
-        "the file has no diagnostics": None,
         "the recording has no diagnostics": replace(of, nodes={}),
         "count of lost cycles": replace(of, nodes={"other_driver": reports(state=np.nan)}),
         "effort_command was not recorded": replace(of, commands=np.zeros(0)),
@@ -259,23 +259,39 @@ def test_lockstep_is_not_judged():
     assert (timing.status, timing.faults) == ("lockstep", ())
 
 
-def driven(path, lost=()):
+def driven(path, lost=(), leave_out=BESIDE):
     """A bag of 6 s with a driver that reports, and loses the cycles of these steps; each second it says what it lost in the one before."""
     reports = {}
     for step in range(100, 3000, 500):
         count = 2 * sum(at < step - 500 for at in lost)
         driver = {"state": "moving", "lost_cycles": count, "overrun_ms": 0.0, "processor_wait_ms": 0.1}
         reports[step] = {"franka_driver": {**driver, "command_success_rate": 1.0, "commands": 500}}
-    return record_episode(path, 3000, information={"seed": 0}, lost=lost, reports=reports, leave_out=BESIDE)
+    return record_episode(path, 3000, information={"seed": 0}, lost=lost, reports=reports, leave_out=leave_out)
 
 
 def test_a_bag_shows_when_the_driver_lost_cycles(tmp_path):
     lost = range(1500, 1512)
-    timing, fault = only_fault(load_bag(driven(tmp_path / "lossy", lost)).loop)
+    timing = load_bag(driven(tmp_path / "lossy", lost)).loop
+    (fault,) = timing.faults
     assert (fault.what, fault.cause, timing.lost_cycles, timing.status) == ("lost_cycles", "network", 24, "broken")
     assert 22 <= timing.in_a_row <= 24 and timing.state_gaps == pytest.approx(np.array([[2.998, 26.0]]))
     assert (timing.command_gaps == timing.state_gaps).all()
-    assert find_loop_timing(load_bag(driven(tmp_path / "well")).loop).status == "steady"
+    assert load_bag(driven(tmp_path / "well")).loop.status == "steady"
+
+
+def test_the_report_of_the_chain_judges_the_loop_too(tmp_path, capsys):
+    bags = [driven(tmp_path / name, lost, leave_out=()) for name, lost in (("well", ()), ("lossy", range(1500, 1512)))]
+    assert diagnose_task.main([*map(str, bags), "--out", str(tmp_path / "out")]) == 0
+    first, *_, last = capsys.readouterr().out.splitlines()
+    said = "The control loop broke. The driver lost 24 cycles"
+    assert said in first and first.count("control loop") == 1
+    steady, broken = json.loads(last)["control_loop"]
+    assert (steady["bag"], steady["status"]) == ("well", "steady")
+    assert (broken["status"], broken["lost_cycles"], broken["faults"][0]["cause"]) == ("broken", 24, "network")
+    page = (tmp_path / "out" / "task.html").read_text()
+    loops = page.split("<h2>Timing of the control loop</h2>")[1]
+    assert "well: Steady" in loops and "Broken.</span> The driver lost 24 cycles" in loops and loops.count("<svg") == 2
+    assert said in page.split("<table>")[0]
 
 
 def test_a_recording_that_lacks_too_much_is_refused_with_the_cause(tmp_path):
@@ -338,10 +354,9 @@ def test_the_report_keeps_its_schema_and_names_the_effect():
     finding = SimpleNamespace(
         effect=SimpleNamespace(id="packet_loss"), is_chosen=True, parameters={"share": SimpleNamespace(value=0.05)}
     )
-    records = [record([(10.5, 30)], commands=counted(480 * GREW)), None, unanswered(record())]
-    loops = [find_loop_timing(one) for one in records]
-    rows = describe_loops([SimpleNamespace(name=f"bag_{n}") for n in range(3)], loops, [finding])
+    log, records = recorded_arm(), [record([(10.5, 30)], commands=counted(480 * GREW)), unanswered(record())]
+    rows = describe_loops([replace(log, loop=find_loop_timing(one)) for one in records] + [log], [finding])
     schema = json.loads((files("sim2real") / "data" / "gap_report.schema.json").read_text(encoding="utf-8"))
     Draft202012Validator(schema["properties"]["control_loop"]).validate(rows)
-    assert [row["status"] for row in rows] == ["broken", "unknown", "disturbed"]
-    assert rows[0]["effects"] and not rows[1]["effects"]
+    assert [row["status"] for row in rows] == ["broken", "disturbed", "unknown"]
+    assert rows[0]["effects"] and not rows[2]["effects"] and rows[2]["reason"] == "the file has no diagnostics"

@@ -16,9 +16,9 @@ from np_description.panda import JOINT_NAMES
 from np_record.bag import BagError, Recording, TopicMessages
 from np_record.bulk import has_joint, read_joint_positions, read_joint_states
 from np_record.recorded_phases import PHASE_TOPICS, read_phase_changes
-from sim2real.checks.control_loop import find_loop_timing
 from sim2real.recordings.fresh_rows import find_fresh_rows
 from sim2real.recordings.loop_record import read_loop_record
+from sim2real.recordings.loop_timing import find_loop_timing
 from sim2real.recordings.signals import Commands, Log
 from sim2real.thresholds import THRESHOLDS
 
@@ -89,10 +89,11 @@ def load_bag(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) 
             commanded, answers = _if_of_joints(name, raw.get("effort_command"), joints)
             motor_stamp, motor = _if_of_joints(name, raw.get("motor_states"), joints)
             phases = read_phase_changes(name, raw)
-            loop = read_loop_record(recording, stamp, commanded)
+            record = read_loop_record(recording, stamp, commanded)
     except BagError as error:
         raise bag_violation(path, error) from error
     _check_order(f"{name}: joint_states", stamp / SECOND)
+    loop = find_loop_timing(record)
     position, velocity, effort = values.transpose(1, 0, 2)
     fresh = find_fresh_rows(position, velocity)
     commanded, answers = _answers_of(stamp[fresh], stamp[~fresh], commanded, answers)
@@ -100,7 +101,7 @@ def load_bag(path: str | Path, joints: Sequence[str] | HasJoints = JOINT_NAMES) 
     try:
         _check_times(name, stamp / SECOND, PERIOD if is_panda else None)
     except ContractViolation as error:
-        timing = " ".join(fault.sentence for fault in find_loop_timing(loop).faults)
+        timing = " ".join(fault.sentence for fault in loop.faults)
         raise ContractViolation(f"{error}{_repeated(fresh)}{timing and f'. {timing}'}") from error
     time = (stamp - stamp[0]) / SECOND
     period = PERIOD if is_panda else float(np.median(np.diff(time)))

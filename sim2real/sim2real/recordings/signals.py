@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from np_description.phases import PhaseState
-from sim2real.recordings.loop_record import LoopRecord
+from sim2real.recordings.loop_timing import NOT_RECORDED, LoopTiming
 from sim2real.thresholds import THRESHOLDS
 
 RECORDINGS = THRESHOLDS.recordings
@@ -78,8 +78,8 @@ class Log:
     """(k,) Nm/A that made a torque of a current, where they had to be estimated; NaN where the recording does not determine it."""
     speed_lag: float = 0.0
     """s by which the reported speed was late, in whose place `velocity` is the derivative of position."""
-    loop: LoopRecord | None = None
-    """Stamps and diagnostics of the control loop; None of an .npz file."""
+    loop: LoopTiming = NOT_RECORDED
+    """Timing of the control loop."""
 
     @property
     def duration(self) -> float:

@@ -5,28 +5,33 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from sim2real.checks.control_loop import LoopTiming, explain_effect
 from sim2real.finding import Finding
+from sim2real.recordings.loop_timing import LoopTiming, explain_effect
 from sim2real.recordings.signals import Log
 
 
-def describe_loops(logs: Sequence[Log], loops: Sequence[LoopTiming], findings: Sequence[Finding]) -> list[dict]:
-    """One object a recording; numbers that were not recorded are None."""
+def describe_loops(logs: Sequence[Log], findings: Sequence[Finding] = ()) -> list[dict]:
+    """One object a recording; numbers that were not recorded are None. findings: of the arm, which the timing may explain."""
     return [
         {
             "bag": log.name,
-            "status": timing.status,
-            "reason": timing.reason,
-            "faults": [asdict(fault) for fault in timing.faults],
-            "lost_cycles": timing.lost_cycles,
-            "lost_in_a_row": timing.in_a_row,
-            "success_rate": timing.success_rate,
-            "late_share": timing.late_share,
-            "answer_ms": timing.answer_ms and list(timing.answer_ms),
-            "effects": _explained(timing, findings),
+            "status": log.loop.status,
+            "reason": log.loop.reason,
+            "faults": [asdict(fault) for fault in log.loop.faults],
+            "lost_cycles": log.loop.lost_cycles,
+            "lost_in_a_row": log.loop.in_a_row,
+            "success_rate": log.loop.success_rate,
+            "late_share": log.loop.late_share,
+            "answer_ms": log.loop.answer_ms and list(log.loop.answer_ms),
+            "effects": _explained(log.loop, findings),
         }
-        for log, timing in zip(logs, loops)
+        for log in logs
     ]
+
+
+def describe_broken_loops(logs: Sequence[Log]) -> list[str]:
+    """For the headline: one text for each recording in which the loop broke."""
+    return [log.loop.broken_sentence for log in logs if log.loop.broken_sentence]
 
 
 def _explained(timing: LoopTiming, findings: Sequence[Finding]) -> list[str]:

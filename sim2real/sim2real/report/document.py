@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sim2real.checks.control_loop import find_loop_timing
 from sim2real.consequences import Consequences
 from sim2real.diagnosis import Diagnosis
 from sim2real.effects.patch import Patch, dump_patch
@@ -18,7 +17,7 @@ from sim2real.gap_location import list_growing_gaps, locate_gap, regime_gaps, st
 from sim2real.inference.estimates import Estimate
 from sim2real.progress import StageCallback, ignore_stage
 from sim2real.recordings.signals import Log
-from sim2real.report.control_loop import describe_loops
+from sim2real.report.control_loop import describe_broken_loops, describe_loops
 from sim2real.report.held_out import describe_held_out
 from sim2real.report.notes import list_notes
 from sim2real.simulation.patch_trial import PatchTrial
@@ -30,11 +29,10 @@ def make_report(
     """The report as a JSON object; runtime: s."""
     done = consequences or Consequences(Patch())
     gap, joints = diagnosis.gap, diagnosis.context.arm.joints
-    loops = [find_loop_timing(log.loop) for log in logs]
     return {
         "schema_version": 1,
         "verdict": diagnosis.verdict,
-        "sentence": " ".join(filter(None, [diagnosis.sentence, *(timing.broken_sentence for timing in loops)])),
+        "sentence": " ".join([diagnosis.sentence, *describe_broken_loops(logs)]),
         "where": locate_gap(diagnosis),
         "effects": [_effect_row(f) for f in diagnosis.findings] if diagnosis.verdict != "no_gap" else [],
         "gap": {
@@ -74,7 +72,7 @@ def make_report(
             }
             for one in done.arm
         ],
-        "control_loop": describe_loops(logs, loops, diagnosis.findings),
+        "control_loop": describe_loops(logs, diagnosis.findings),
         "data": {
             "bags": [log.name for log in logs],
             "reference": [log.name for log in diagnosis.context.logs[: diagnosis.context.reference]],

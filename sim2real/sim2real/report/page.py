@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from np_common.html_pages import page
-from sim2real.checks.control_loop import find_loop_timing
 from sim2real.checks.shrinkage import REGIMES
 from sim2real.diagnosis import Diagnosis
 from sim2real.report import plots
@@ -26,7 +25,7 @@ def render(report: dict, diagnosis: Diagnosis, folder: Path = Path("runs/report"
         leads=[f for f in findings if not f.is_chosen and (f.effect.id, f.component) not in listed],
         regimes=REGIMES,
         steps=suggest_next_steps(diagnosis, folder),
-        loop_plots=[plots.loop_plot(find_loop_timing(log.loop), log.duration) for log in logs],
+        loop_plots=[plots.loop_plot(log.loop, log.duration) for log in logs],
         gap_plot=plots.gap_plot(diagnosis),
         residual_plot=plots.residual_plot(diagnosis),
         friction_plot=plots.friction_plot(diagnosis, added),

@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from np_common.html_pages import style, svg
-from sim2real.checks.control_loop import LOCKSTEP, LOOP, LoopTiming
 from sim2real.diagnosis import Diagnosis
 from sim2real.effects.joint_dynamics.friction_curve import EFFECT as CURVE
 from sim2real.effects.joint_dynamics.friction_curve import SPEEDS, WAYS, value_name
 from sim2real.effects.stage import Stage
 from sim2real.finding import Finding
+from sim2real.recordings.loop_timing import LOCKSTEP, LOOP, LoopTiming
 from sim2real.recordings.signals import DECIMATION, GRID
 
 WIDTH = 9.6

@@ -8,6 +8,7 @@ from importlib.resources import files
 
 from sim2real.effects.sentences import ValueWithInterval
 from sim2real.report import camera_sentences, contact_sentences, noise_sentences
+from sim2real.report.control_loop import describe_broken_loops, describe_loops
 from sim2real.report.task_sentences import hypothesis_text, module_text, next_steps, sentence
 from sim2real.task.diagnosis import ModuleResult, TaskDiagnosis, make_patch
 from sim2real.task.hypotheses import TaskFinding, module_of
@@ -31,7 +32,9 @@ def document(
     return {
         "schema_version": 1,
         "verdict": diagnosis.verdict,
-        "sentence": " ".join([sentence(diagnosis), *_withheld(checked)]),
+        "sentence": " ".join(
+            [sentence(diagnosis), *_withheld(checked), *describe_broken_loops(diagnosis.recordings.logs)]
+        ),
         "rows": [_module(one, diagnosis, predicted) for one in diagnosis.modules],
         "effects": [
             {"effect": e.effect, "component": e.component, "parameters": dict(e.parameters)}
@@ -41,6 +44,7 @@ def document(
         "motion": None if predicted is None else {**asdict(predicted), "removed": _value(predicted.removed)},
         "next": next_steps(diagnosis),
         "measured": _measured(diagnosis),
+        "control_loop": describe_loops(diagnosis.recordings.logs),
         "stages": _stages(diagnosis),
         "data": {
             "bags": bags,
@@ -54,8 +58,12 @@ def check_schema(report: dict) -> None:
     """Raises jsonschema.ValidationError for a report that does not follow its schema."""
     import jsonschema  # slow
 
-    schema = json.loads((files("sim2real") / "data" / "task_report.schema.json").read_text(encoding="utf-8"))
-    jsonschema.validate(report, schema)
+    task, arm = (
+        json.loads((files("sim2real") / "data" / f"{name}_report.schema.json").read_text(encoding="utf-8"))
+        for name in ("task", "gap")
+    )
+    task["properties"]["control_loop"] = arm["properties"]["control_loop"]  # the file only refers to it
+    jsonschema.validate(report, task)
 
 
 def _withheld(checked: CheckedPatch) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from np_common.html_pages import page
 from np_description.camera import CAMERA, Camera
+from sim2real.report.plots import loop_plot
 from sim2real.report.task_plots import pictures
 from sim2real.task.diagnosis import TaskDiagnosis
 
@@ -23,4 +24,5 @@ def render(diagnosis: TaskDiagnosis, report: dict, camera: Camera = CAMERA) -> s
         {**row, "picture": drawings.get(row["module"], ""), "colour": COLOURS.get(row["verdict"], QUIET)}
         for row in report["rows"]
     ]
-    return page("sim2real", "task.html.j2", report=report, rows=rows)
+    loop_plots = [loop_plot(log.loop, log.duration) for log in diagnosis.recordings.logs]
+    return page("sim2real", "task.html.j2", report=report, rows=rows, loop_plots=loop_plots)

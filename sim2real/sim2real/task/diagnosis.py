@@ -11,6 +11,7 @@ from np_description.camera import CAMERA, Camera
 from np_description.panda import NOMINAL, PandaModel
 from sim2real.effects.patch import Patch, PatchEffect
 from sim2real.recordings.reading import ContractViolation
+from sim2real.recordings.signals import Log
 from sim2real.task import findings
 from sim2real.task.arm_result import ArmResult
 from sim2real.task.camera.diagnosis import CameraDiagnosis, diagnose_camera
@@ -56,6 +57,8 @@ class TaskRecordings:
     """Keypoints of all recordings."""
     rest_poses: tuple[RestPose, ...]
     """The object at rest, in all recordings."""
+    logs: tuple[Log, ...] = ()
+    """Joints in all recordings."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from np_description.camera import CAMERA, Camera
-from sim2real.recordings.reading import ContractViolation
+from sim2real.recordings.reading import ContractViolation, load_bag
 from sim2real.task.camera.rest_poses import read_rest_poses
 from sim2real.task.diagnosis import TaskRecordings
 from sim2real.task.keypoint_track import read_keypoint_track
@@ -19,21 +19,22 @@ def read_recordings(
 ) -> TaskRecordings:
     """Rosbag2 recordings in the order of time; calibration, measured: as of `read_rest_poses`; camera: the nominal one. Raises ContractViolation for
     one that has no keypoints, or is of another object than the first."""
-    tasks, tracks, rest_poses = [], [], []
+    tasks, tracks, rest_poses, logs = [], [], [], []
     for bag in bags:
+        logs.append(load_bag(bag))
         try:
-            tasks.append(mask_occluded_keypoints(read_task(bag), camera))
+            tasks.append(mask_occluded_keypoints(read_task(bag, logs[-1]), camera))
             tracks.append(tasks[-1].track)
         except NotATaskSuite:  # an episode: it is seen, and not felt
             tracks.append(read_keypoint_track(bag))
         rest_poses += read_rest_poses(bag, calibration, measured, tracks[-1])
     _of_one_object(tasks)
-    return TaskRecordings(tuple(tasks), tuple(tracks), tuple(rest_poses))
+    return TaskRecordings(tuple(tasks), tuple(tracks), tuple(rest_poses), tuple(logs))
 
 
 def read_held_out(bags: Sequence[str | Path], recordings: TaskRecordings) -> tuple[TaskRecording, ...]:
     """Further recordings of the task suite, which no stage uses. Raises ContractViolation for one that is none, or of another object."""
-    fresh = tuple(read_task(bag) for bag in bags)
+    fresh = tuple(read_task(bag, load_bag(bag)) for bag in bags)
     _of_one_object([*recordings.tasks, *fresh])
     return fresh
 

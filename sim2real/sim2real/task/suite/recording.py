@@ -10,7 +10,7 @@ import numpy as np
 from np_description.domains import Task
 from np_description.phases import EXCITE
 from sim2real.excitation.contact_suite.suite import FAMILIES
-from sim2real.recordings.reading import SECOND, ContractViolation, bag_violation, load_bag
+from sim2real.recordings.reading import SECOND, ContractViolation, bag_violation
 from sim2real.recordings.signals import Log
 from sim2real.task.keypoint_track import KeypointTrack, read_keypoint_track
 
@@ -58,12 +58,12 @@ class NotATaskSuite(ContractViolation):
     """A recording that is whole, and not of the task suite."""
 
 
-def read_task(path: str | Path) -> TaskRecording:
-    """A rosbag2 recording of the task suite. Raises NotATaskSuite for another one, ContractViolation."""
+def read_task(path: str | Path, log: Log) -> TaskRecording:
+    """A rosbag2 recording of the task suite; log: its joints. Raises NotATaskSuite for another one, ContractViolation."""
     from np_record.bag import BagError, Recording  # slow
     from np_record.recorded_episode import read_recorded_task
 
-    log, track = load_bag(path), read_keypoint_track(path)
+    track = read_keypoint_track(path)
     try:
         with Recording(path, required=("joint_states", "keypoints")) as recording:
             domain = read_recorded_task(recording)

@@ -82,10 +82,14 @@ class LoopTiming:
         return f"The control loop broke. {' '.join(broken)}" if broken else ""
 
 
-def find_loop_timing(record: LoopRecord | None) -> LoopTiming:
-    """The timing of a recording; of an .npz file (None), and without diagnostics of driver or simulator, it is unknown."""
-    if record is None or len(record.states) < 3:
-        return LoopTiming(UNKNOWN, "the file has no diagnostics")
+NOT_RECORDED = LoopTiming(UNKNOWN, "the file has no diagnostics")
+"""The timing of a file without diagnostics."""
+
+
+def find_loop_timing(record: LoopRecord) -> LoopTiming:
+    """The timing of a recording; without diagnostics of driver or simulator it is unknown."""
+    if len(record.states) < 3:
+        return NOT_RECORDED
     if record.is_lockstep:
         return LoopTiming(LOCKSTEP, "")
     driver, bridge = record.first_with("lost_cycles"), record.first_with("missed_periods")
