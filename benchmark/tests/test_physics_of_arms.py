@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.arm_effects import ArmEffects
 from sim2real.effects.patch import Patch, PatchEffect
 from sim2real.excitation.suite import READY, SECOND, THIRD, make_suite
@@ -21,7 +22,7 @@ from np_blind.arm.plant.hysteresis import bouc_wen, lugre, prandtl
 from np_blind.arm.plant.physics import nominal_physics, stack
 from np_blind.arm.plant.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
 from np_blind.arm.sampling.cases import ArmCase, draw_cases, make_physics
-from np_blind.arm.sampling.faults import EFFECTS, Fault, soften, visible
+from np_blind.arm.sampling.faults import EFFECTS, Fault, apply, largest, soften, visible, widen
 from np_blind.arm.sampling.unknown_fault_kinds import LATER, NEWEST
 from np_blind.arm.sampling.unknown_faults import UNKNOWN_FAULTS
 from np_control.dynamics import Dynamics
@@ -42,6 +43,22 @@ def test_rigid_body_terms_are_pinocchios(q, dq):
     assert np.allclose(matrix[0] + np.diag(NOMINAL.armature), dynamics.mass_matrix(q), atol=1e-10)
     assert np.allclose(velocity[0], dynamics.coriolis(q, dq), atol=1e-9)
     assert np.allclose(weight[0], dynamics.gravity(q), atol=1e-9)
+
+
+MAGNITUDES = {name: {q.name for q in ARM_EFFECTS[name].quantities if q.is_magnitude} for name in EFFECTS}
+
+
+@pytest.mark.parametrize("effect", [name for name, own in MAGNITUDES.items() if own])
+def test_no_planted_magnitude_is_below_zero(effect):
+    """The diagnosis cuts intervals of magnitudes there: none may lose a truth by it."""
+    rng = np.random.default_rng(4)
+    for joint in [j - 1 for j in visible(effect).joints] or [None]:
+        for size in (0.8, 3.0, largest(effect, joint)):
+            for widened in (False, True):
+                physics, fault = nominal_physics(1), Fault(effect, joint, size)
+                planted = apply(physics, 0, fault, rng)
+                planted = widen(physics, 0, fault, planted, rng) if widened else planted
+                assert all(value >= 0 for name, (value, _) in planted.items() if name in MAGNITUDES[effect])
 
 
 def test_a_payload_is_a_point_mass_at_the_end_effector():

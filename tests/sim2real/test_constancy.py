@@ -10,6 +10,7 @@ from sim2real.arm.model import panda
 from sim2real.arm.nominal_prediction import predict_expected_torque
 from sim2real.checks.lack_of_fit import omnibus_test
 from sim2real.checks.stationarity import _has_slipped, find_patterns, measure_misfits
+from sim2real.diagnosis import diagnose
 from sim2real.effects.recurrences import bristle_state
 from sim2real.effects.transmission import transmission_hysteresis as transmission
 from sim2real.inference import estimates
@@ -17,6 +18,8 @@ from sim2real.inference.context import make_context
 from sim2real.inference.regression import make_regression
 from sim2real.inference.search import ModelSearch
 from sim2real.recordings.signals import Log
+from sim2real.report.document import make_report
+from sim2real.report.page import render
 
 HYSTERESIS = "transmission_hysteresis"
 JOINT = 2  # counted from 0: the third
@@ -138,6 +141,22 @@ def test_an_interval_of_hysteresis_covers_gears_that_noise_shakes_more_or_less(s
     true = {"width": 1.5e-4, "stroke": 2e-4}
     _, found = hysteresis_of(wound_up(lively(), **true, shaken=shaken)[0])
     assert all(found[name].low <= value <= found[name].high for name, value in true.items())
+
+
+def test_the_report_gives_no_width_below_zero():
+    true = {"width": 4e-4, "stroke": 2e-4}
+    log, _ = wound_up(lively(), **true, shaken=2e-5)
+    diagnosis = diagnose([log])
+    report = make_report(diagnosis, [log], 0.0)
+    found = next(e for e in report["effects"] if e["is_added"])
+    assert found["effect"] == HYSTERESIS
+    for name, value in true.items():
+        low, high = found["parameters"][name]["ci95"]
+        assert low == 0.0 < value < high
+    assert "mrad (95 %: 0.0 to 1.2)" in report["sentence"]
+    assert all(f"{name} {found['parameters'][name]['value']:.3g} [0, " in diagnosis.summary() for name in true)
+    table = " ".join(render(report, diagnosis).split("<h2>Which</h2>")[1].split("</table>")[0].split())
+    assert table.count("(0 to 0.0") == 2
 
 
 def test_an_interval_of_hysteresis_holds_those_of_all_speeds_that_fit_as_well(monkeypatch):

@@ -23,11 +23,12 @@ from sim2real.effects.timing.command_delay import USUAL
 from sim2real.inference import nuisances
 from sim2real.inference.block_arrow import BlockArrowStructure, BlockArrowSystem
 from sim2real.inference.context import make_context
-from sim2real.inference.estimates import deviation_between_motions
+from sim2real.inference.estimates import Estimate, cut_at_zero, deviation_between_motions, estimate
 from sim2real.inference.fit import fit_parameters
 from sim2real.inference.loop_delay import estimate_loop_delay, loop_delay
 from sim2real.inference.regression import make_regression
 from sim2real.inference.residual_cells import ResidualCell, TimeBlock, make_blocks, make_cell
+from sim2real.inference.search import ModelSearch
 from sim2real.recordings.signals import Log, sample_logs
 from sim2real.report.document import to_json
 
@@ -221,6 +222,32 @@ def test_intervals_cover_under_coloured_noise(clean):
         found = fit_parameters([cell], [cell.test], [cell.test_rows], np.arange(1), parameters)
         hits += abs(found.parameters[0, 0] - 0.4) < 1.96 * np.sqrt(found.covariance[0, 0, 0])
     assert 0.90 <= hits / trials <= 0.99
+
+
+@settings(max_examples=60)
+@given(st.sampled_from(sorted(ARM_EFFECTS)), st.floats(-1, 1), st.floats(0, 1), st.floats(0, 1), st.floats(0, 2))
+def test_an_interval_that_is_cut_at_zero_holds_the_same_truths(name, value, below, above, true):
+    quantities = ARM_EFFECTS[name].quantities
+    given_ = {q.name: Estimate(value, value - below, value + above, q.unit) for q in quantities}
+    found = cut_at_zero(name, given_)
+    for q in quantities:
+        before, after = given_[q.name], found[q.name]
+        assert (before.low <= true <= before.high) == (after.low <= true <= after.high)
+        assert after.value == value and after.low <= value <= after.high == before.high
+        assert after.half_width == before.half_width or below > above
+        if q.lower < 0:
+            assert after == before
+        elif value >= 0:
+            assert after.low == max(before.low, 0.0)
+
+
+def test_no_load_is_below_zero_but_a_change_of_it_may_be():
+    log = record(Truth(), duration=16.0)
+    for logs, reference in (([log], 0), ([log, log], 1)):
+        search = ModelSearch(make_regression(make_context(logs, ARM, reference)))
+        number = next(n for n, c in enumerate(search.design.candidates) if c.effect.id == "payload")
+        _, found = estimate(search, search.model((number,)), number, 0)
+        assert found["mass"].high > 0 and (found["mass"].low < 0) == bool(reference)
 
 
 @pytest.mark.parametrize(

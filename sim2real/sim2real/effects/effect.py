@@ -51,6 +51,11 @@ class Quantity:
     upper: float
     """Likewise."""
 
+    @property
+    def is_magnitude(self) -> bool:
+        """Whether zero is its least value: a width, a time, a mass."""
+        return self.lower == 0.0
+
 
 @dataclass(frozen=True)
 class DetectionLimit:

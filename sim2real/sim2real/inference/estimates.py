@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim2real.effects.registry import ARM_EFFECTS
 from sim2real.effects.regressor import EffectRegressor
 from sim2real.inference.bootstrap import draw_counts
 from sim2real.inference.fit import ParameterFit, fit_parameters, parameter_indices, residual_sum_of_squares, sub_gram
@@ -36,9 +38,27 @@ class Estimate:
     high: float
     unit: str
 
+    @property
+    def half_width(self) -> float:
+        """Of the interval; of one that is cut at zero, of the side that is whole."""
+        return max(self.high - self.value, self.value - self.low)
+
     def row(self) -> dict:
         """Value and 95 % interval, as reports have them."""
         return {"value": self.value, "ci95": [self.low, self.high]}
+
+
+def cut_at_zero(effect: str, estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    """The estimates by name of an effect's parameters; the interval of a magnitude ends at zero, below which there is none.
+
+    For a magnitude against the nominal arm, which has none of the effect; a change since another recording may be below zero. A true
+    value from zero on lies in the interval as before. So does the estimate, be it below zero by what the nuisances absorb.
+    """
+    magnitudes = {q.name for q in ARM_EFFECTS[effect].quantities if q.is_magnitude}
+    return {
+        name: replace(one, low=max(one.low, min(0.0, one.value))) if name in magnitudes else one
+        for name, one in estimates.items()
+    }
 
 
 def estimate(
@@ -78,7 +98,7 @@ def estimate(
     if refined:
         unsure = between_model_deviations(search, joints, inside, member, seed)
         found = {name: _widened(e, ESTIMATES.t95 * unsure.get(name, 0.0)) for name, e in found.items()}
-    return effect, found
+    return effect, found if design.context.reference else cut_at_zero(effect.id, found)
 
 
 def _reported(

@@ -19,7 +19,7 @@ from sim2real.diagnosis import Diagnosis
 from sim2real.effects import ARM_EFFECTS
 from sim2real.effects.effect import ARM
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.inference.estimates import Estimate, estimate
+from sim2real.inference.estimates import Estimate, cut_at_zero, estimate
 from sim2real.inference.search import ScoredModel
 from sim2real.simulation.multiple_shooting import ShootingWindows, cut_windows, rms, simulate_departures
 from sim2real.thresholds import THRESHOLDS
@@ -110,7 +110,7 @@ def refit(
         judged_on = judged_on[np.linspace(0, len(judged_on) - 1, WINDOWS).astype(int)]
     names = [(n, name) for n, part in enumerate(parts) for name in part.parameters]
     x = np.array([parts[n].parameters[name].value for n, name in names])
-    half = np.array([0.5 * (parts[n].parameters[name].high - parts[n].parameters[name].low) for n, name in names])
+    half = np.array([parts[n].parameters[name].half_width for n, name in names])
     scale = np.maximum(half, SMALLEST_STEP * np.abs(x))
     has_delay = any(part.effect == "command_delay" for part in parts)
     if not has_delay:
@@ -145,7 +145,8 @@ def refit(
     for (n, name), value, width in zip(names, x, error):
         unit = parts[n].parameters[name].unit
         values[n][name] = Estimate(float(value), float(value - width), float(value + width), unit)
-    return Refit(parts, tuple(values), *rms(judged), len(fitted), len(judged_on))
+    estimates = tuple(cut_at_zero(part.effect, own) for part, own in zip(parts, values))
+    return Refit(parts, estimates, *rms(judged), len(fitted), len(judged_on))
 
 
 def _is_curve(part: RefittedEffect) -> bool:
@@ -200,7 +201,7 @@ def refit_in_simulation(diagnosis: Diagnosis, rivals: Sequence[ScoredModel] = ()
 def is_disagreement(one: Estimate, other: Estimate) -> bool:
     """Whether two estimates differ by more than both intervals together, and than two simulators do."""
     difference = abs(one.value - other.value)
-    halves = 0.5 * np.hypot(one.high - one.low, other.high - other.low)
+    halves = np.hypot(one.half_width, other.half_width)
     return bool(difference > halves and difference > REFIT.agree * max(abs(one.value), abs(other.value)))
 
 
