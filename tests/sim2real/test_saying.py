@@ -113,6 +113,28 @@ def test_many_friction_curves_are_one_clause_with_one_number_a_joint():
     assert sentence_of("identified", some[:2]).count("has another friction curve: forwards") == 2
 
 
+def test_of_many_effects_three_are_named_and_the_others_counted():
+    joints = [
+        finding("coulomb_friction", f"panda_joint{n}", {"level": (n / 10, n / 10, n / 10)}, ("stribeck_friction",))
+        for n in range(1, 8)
+    ]
+    said = sentence_of("identified", joints)
+    assert said.split(". ")[0].endswith(
+        "joint 3 has 0.300 Nm (0.300 to 0.300) more dry friction; and 4 more, see the report's table"
+    )
+    assert "joint 4" not in said and said.endswith("Adding all 7 removes 97 % of the gap (95 %: 96 to 98).")
+    assert "see the report" not in sentence_of("identified", joints[:3]) and "and 1 more" in sentence_of(
+        "identified", joints[:4]
+    )
+    open_ = sentence_of("ambiguous", joints)
+    assert open_.count("cannot be distinguished") == 3 and open_.endswith("4 more are not sure either.")
+    partly = sentence_of("partly_explained", joints, (6,))
+    assert partly.startswith("The difference is partly explained: 7 effects are shown") and "; and 4 more" in partly
+    curves = [finding("friction_curve", f"panda_joint{n}", {"positive_30": (0.9, 0.8, 1)}) for n in range(1, 5)]
+    assert "; and 4 more" in sentence_of("identified", (*joints[:3], *curves))
+    assert "4 joints have" in (said := sentence_of("identified", (*curves, *joints))) and "; and 5 more" in said
+
+
 def test_the_page_draws_friction_only_of_joints_with_a_curve_of_their_own():
     names = [value_name(way, speed) for way in WAYS for speed in SPEEDS]
     curve = finding("friction_curve", "panda_joint4", dict.fromkeys(names, (0.1, 0.0, 0.2)))

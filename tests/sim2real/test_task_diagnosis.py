@@ -213,6 +213,63 @@ def test_the_first_sentences_name_every_part_that_is_off():
     assert "41 % is at the camera: the picture shows things -8.0 mm" in said and "off the other way" in said
 
 
+def tall_table(nats):
+    height = ValueWithInterval(0.003, 0.002, 0.004)
+    return TaskFinding((Hypothesis("table_height", ("table_height",), {"height": height}),), nats, "touch")
+
+
+def relative(effect, nats):
+    return TaskFinding((Hypothesis(effect, (effect,), {effect: ValueWithInterval(0.3, 0.2, 0.4)}),), nats, "force")
+
+
+def with_findings(findings):
+    """A diagnosis in which modules have these findings."""
+    found, total = (
+        diagnose_task(TaskRecordings((), (still(),), ())),
+        sum(f.log_bayes_factor for fs in findings.values() for f in fs),
+    )
+    rows = [
+        replace(row, verdict="identified", findings=own, share=sum(f.log_bayes_factor for f in own) / total)
+        if (own := tuple(findings.get(row.module, ())))
+        else row
+        for row in found.modules
+    ]
+    return replace(found, modules=tuple(rows))
+
+
+def test_of_many_findings_three_are_named_and_the_others_counted():
+    heavy, slippery = (
+        [relative("object_mass", 0.2)],
+        [relative("table_friction", 20.0), relative("gripper_friction", 30.0)],
+    )
+    said = sentence(with_findings({"table": [tall_table(60.0)], "object": heavy}))
+    assert said.startswith(
+        "Almost all that is off is at the table: the table is 3 mm (2 to 4) higher. Less than 1 % is at the object: "
+    )
+    assert "see the report's table" not in said
+    whole = with_findings({"contact": slippery, "table": [tall_table(40.0)], "object": heavy})
+    said = sentence(whole)
+    assert said.startswith(
+        "Most of what is off (55 %) is at the contact: the object has 35 % (22 to 49) more friction with a fingertip. 44 % is at"
+    )
+    assert "at the object: the object weighs 35 %" in said and "with the table" not in said
+    assert "And 1 more at the contact, see the report's table." in said
+    assert "friction with the table" in next(r["said"] for r in document(whole, [])["rows"] if r["module"] == "contact")
+    rows = [
+        replace(row, verdict="unexplained", abstention_reason=f"{row.module} is odd")
+        if row.module in ("contact", "table")
+        else row
+        for row in whole.modules
+    ]
+    assert sentence(replace(whole, modules=tuple(rows))).startswith(
+        "Something at the contact and table is off that no known effect explains: contact is odd; table is odd. Most of"
+    )
+    said = sentence(with_findings({"contact": slippery}))
+    assert said.startswith("What is off is at the contact: ") and said.index("fingertip; ") < said.index(
+        "with the table"
+    )
+
+
 def test_corners_that_scatter_more_are_said_with_their_size():
     found = diagnose_task(TaskRecordings((), (still(),), ()))
     share, size = ValueWithInterval(0.25, 0.22, 0.29), ValueWithInterval(0.2, 0.19, 0.22)

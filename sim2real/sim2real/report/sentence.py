@@ -11,6 +11,8 @@ from sim2real.effects.joint_dynamics.friction_curve import EFFECT as CURVE
 from sim2real.effects.sentences import ValueWithInterval, describe_component, describe_effect
 from sim2real.finding import Finding
 
+NAMED = 3
+"""Findings that a headline names; it counts the others."""
 _COUNT = {1: "it", 2: "both", 3: "all three"}
 _CURVES = 3  # friction curves from which on each has one number here; all their values are in the report
 
@@ -37,7 +39,10 @@ def sentence(
     if verdict == "partly_explained":
         parts.append(_describe_partly_explained(sum(f.is_shown_to_help for f in found), left))
     if found:
-        text = "; ".join(_describe_found(found, nominal))
+        clauses = list(_describe_found(found, nominal))
+        text = "; ".join(clause for clause, _ in clauses[:NAMED])
+        if more := sum(count for _, count in clauses[NAMED:]):
+            text += f"; and {more} more, see the report's table"
         text = text.replace("(", "(95 %: ", 1)  # the other brackets are the same
         opening = {
             "unexplained": "What was found beside that: ",
@@ -46,20 +51,23 @@ def sentence(
         }.get(verdict, "")
         parts.append(f"{opening}{text}.")
         parts.append(_describe_shrinkage(gap, len(found)))
-    parts += [_describe_doubt(f) for f in found if verdict == "ambiguous" and f.is_open]
+    doubtful = [f for f in found if verdict == "ambiguous" and f.is_open]
+    parts += [_describe_doubt(f) for f in doubtful[:NAMED]]
+    if more := len(doubtful[NAMED:]):
+        parts.append(f"{more} more {'is' if more == 1 else 'are'} not sure either.")
     return " ".join(part[0].upper() + part[1:] for part in parts)
 
 
-def _describe_found(found: Sequence[Finding], nominal: str) -> Iterator[str]:
-    """Half a sentence for each finding; one for all friction curves where there are many."""
+def _describe_found(found: Sequence[Finding], nominal: str) -> Iterator[tuple[str, int]]:
+    """Half a sentence for each finding, one for all friction curves where there are many; with the number of findings in it."""
     curves = [f for f in found if f.effect.id == CURVE.id]
     if len(curves) < _CURVES:
         curves = []
     for finding in found:
         if finding not in curves:
-            yield _describe_finding(finding, nominal)
+            yield _describe_finding(finding, nominal), 1
         elif finding is curves[0]:
-            yield _describe_curves(curves)
+            yield _describe_curves(curves), len(curves)
 
 
 def _describe_curves(curves: Sequence[Finding]) -> str:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
 from sim2real.effects import CAMERA_EFFECTS
 from sim2real.effects.sentences import ValueWithInterval, describe_effect
 from sim2real.report import camera_sentences, contact_sentences
 from sim2real.report.camera_sentences import PUT_DOWN
+from sim2real.report.sentence import NAMED
 from sim2real.task.contact_force.fit import NominalContact
 from sim2real.task.diagnosis import NOT_SEEN, ModuleResult, TaskDiagnosis
 from sim2real.task.hypotheses import Hypothesis, TaskFinding
@@ -18,8 +22,6 @@ SPLIT_BY = {
     "lag": CLOCK,
 }
 """By stage: the experiment that distinguishes its hypotheses."""
-LEAST_SHARE = 0.05
-"""Share of what is off from which on a part of the set-up is in the first sentences."""
 OFFSET_NAMES = {"camera_place": "place", "camera_turn": "turn"}
 
 
@@ -29,23 +31,10 @@ def sentence(diagnosis: TaskDiagnosis) -> str:
     off = sorted((one for one in diagnosis.modules if one.share), key=lambda one: -one.share)
     parts = []
     if unexplained:
-        where, reason = " and ".join(one.module for one in unexplained), unexplained[0].abstention_reason
-        parts.append(f"Something at the {where} is off that no known effect explains: {reason}.")
-    if off:
-        top = off[0]
-        begin = (
-            "What is off"
-            if top.share > 0.995
-            else f"Most of what is off ({100 * top.share:.0f} %)"
-            if top.share > 0.5
-            else "The largest part"
-        )
-        parts.append(f"{begin} is at the {top.module}: {_largest_finding(top)}.")
-        parts += [
-            f"{100 * one.share:.0f} % is at the {one.module}: {_largest_finding(one)}."
-            for one in off[1:]
-            if one.share >= LEAST_SHARE
-        ]
+        where = " and ".join(one.module for one in unexplained)
+        reasons = "; ".join(one.abstention_reason for one in unexplained)
+        parts.append(f"Something at the {where} is off that no known effect explains: {reasons}.")
+    parts += _describe_off(off)
     if diagnosis.arm is not None and diagnosis.arm.sentence:
         parts.append(diagnosis.arm.sentence)
     quiet = [one.module for one in diagnosis.modules if one.verdict == "no_gap"]
@@ -56,8 +45,31 @@ def sentence(diagnosis: TaskDiagnosis) -> str:
     return " ".join(parts)
 
 
-def _largest_finding(result: ModuleResult) -> str:
-    return finding_text(max(result.findings, key=lambda one: one.log_bayes_factor))
+def _describe_off(off: Sequence[ModuleResult]) -> Iterator[str]:
+    """A sentence for each module with findings that are named, the largest share first; the others are counted.
+
+    NAMED findings at most: the largest of each module, then further ones.
+    """
+    ranked = sorted((rank, row) for row, one in enumerate(off) for rank in range(len(one.findings)))
+    named = Counter(row for _, row in ranked[:NAMED])
+    for row, one in enumerate(off):
+        largest = sorted(one.findings, key=lambda finding: -finding.log_bayes_factor)[: named[row]]
+        if largest:
+            yield f"{_portion(one, off)} is at the {one.module}: {'; '.join(map(finding_text, largest))}."
+    others = [one.module for row, one in enumerate(off) if len(one.findings) > named[row]]
+    if others:
+        yield f"And {len(ranked) - NAMED} more at the {' and the '.join(others)}, see the report's table."
+
+
+def _portion(one: ModuleResult, off: Sequence[ModuleResult]) -> str:
+    """How much of what is off a module has, as the subject of a sentence."""
+    if len(off) == 1:
+        return "What is off"
+    if one is not off[0]:
+        return f"{100 * one.share:.0f} %" if one.share >= 0.005 else "Less than 1 %"
+    if one.share > 0.995:
+        return "Almost all that is off"
+    return f"Most of what is off ({100 * one.share:.0f} %)" if one.share > 0.5 else "The largest part"
 
 
 def finding_text(finding: TaskFinding) -> str:
