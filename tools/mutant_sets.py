@@ -35,6 +35,7 @@ OF_TRAINING = (
     "np_training/test_run.py",
     "np_training/test_sizes.py",
     "np_training/test_tasks.py",
+    "np_training/test_trainer.py",
     "np_training/test_whitening.py",
 )
 SETS = {

@@ -49,6 +49,14 @@ def test_a_row_that_a_kill_cut_short_does_not_spoil_the_next_one(tmp_path):
     assert read_log(path) == [{"iteration": 1, "success": 0.5}, {"iteration": 2, "success": 0.75}]
 
 
+def test_a_log_has_whole_numbers_in_full_and_others_to_six_digits(tmp_path):
+    TrainingLog(tmp_path / "log.csv").write({"iteration": 1, "steps": 1_234_567_890, "success": 2 / 3, "kl": 1e-7 / 3})
+    assert (tmp_path / "log.csv").read_text().split() == [
+        "iteration,steps,success,kl",
+        "1,1234567890,0.666667,3.33333e-08",
+    ]
+
+
 @pytest.mark.slow
 def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path, monkeypatch):
     options = [
@@ -143,7 +151,7 @@ def test_progress_names_what_is_going_on(domain, capsys, monkeypatch):
     del row["randomisation"]
     assert f"stage {STAGES + 1}/{STAGES}" in describe(row, 90)
     progress = TrainingProgress()
-    for now, lines in ((1000.0, 1), (1059.0, 0), (1061.0, 1)):
+    for now, lines in ((1000.0, 1), (1059.0, 0), (1060.0, 1)):
         monkeypatch.setattr("np_training.ppo.progress.time.monotonic", lambda now=now: now)
         progress.show(row, 90)
         assert capsys.readouterr().err.count("\n") == lines  # no terminal: a line a minute

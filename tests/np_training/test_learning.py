@@ -10,8 +10,6 @@ import pytest
 import torch
 from torch import nn
 
-from np_policy.observation import POST_SIZE
-from np_training.environment.environment import PRIVILEGED_SIZE
 from np_training.environment.object_poses import PRE_STATE_SIZE
 from np_training.ppo import distributed
 from np_training.ppo.config import PPOConfig, TrainConfig
@@ -159,6 +157,12 @@ def test_an_action_that_has_become_certain_or_impossible_leaves_the_update_finit
         assert math.isfinite(statistics["policy_loss"])
 
 
+def test_no_action_counts_as_more_than_e_to_the_20_times_as_likely_as_it_was():
+    policy, action = Gaussian(), torch.tensor([[0.5]])
+    batch = replace(batch_of(policy, action, torch.tensor([-1.0])), log_probability=torch.tensor([-60.0]))
+    assert gradients(policy, batch)[1]["policy_loss"] == pytest.approx(485165195.4, rel=1e-5)
+
+
 def test_the_probability_of_an_action_is_that_of_all_its_parts():
     policy, action = Gaussian(actions=2), torch.tensor([[0.5, -0.25]])
     batch = batch_of(policy, action, torch.tensor([1.0]))
@@ -284,12 +288,6 @@ def test_minibatches_of_one_sample_or_none_count_as_their_samples_do():
     assert said["value_loss"] == pytest.approx((1 + 1 + 0 + 0) / 4, rel=1e-2)
 
 
-def test_a_critic_has_one_value_for_each_state():
-    networks = ActorCritic()
-    assert networks.post_value(torch.zeros(3, POST_SIZE + PRIVILEGED_SIZE)).shape == (3, 1)
-    assert networks.pre_value(torch.zeros(3, PRE_STATE_SIZE)).shape == (3, 1)
-
-
 def test_advantages_that_differ_by_rounding_alone_are_not_blown_up():
     policy = Gaussian()
     batch = batch_of(policy, torch.tensor([[1.0], [-1.0]]), torch.tensor([1e-6, -1e-6]), torch.tensor([1.1, 0.9]))
@@ -315,6 +313,19 @@ def test_a_learner_goes_on_from_what_another_has_kept():
     for mine, theirs in zip(second, first):
         assert all(torch.equal(a, b) for a, b in zip(mine.parameters(), theirs.parameters()))
     assert other.rate == learner.rate != kept
+
+
+def test_a_checkpoint_of_a_gpu_goes_on_on_a_cpu():
+    policy, critic = Gaussian(), Constant()
+    learner, batch = Learner(policy, critic, PLAIN), batch_of(policy, torch.zeros(2, 1), torch.zeros(2))
+    learner.update(batch)
+    state = deepcopy(learner.state_dict())
+    for optimiser in state.values():
+        optimiser["param_groups"][0] |= {"capturable": True, "fused": False}  # the first is for a GPU alone
+    learner.load_state_dict(state)
+    learner.update(batch)
+    for optimiser in (learner.policy_optimiser, learner.critic_optimiser):
+        assert optimiser.param_groups[0]["fused"] and not optimiser.param_groups[0]["capturable"]
 
 
 def test_a_step_captured_with_the_memory_of_before_is_not_replayed_with_that_of_a_checkpoint():
@@ -344,13 +355,6 @@ def test_a_release_that_holds_a_learning_rate_alone_leaves_the_optimiser_new():
     learner = Learner(Gaussian(), Constant(), PLAIN)
     learner.load_state_dict({"rate": 7e-5})
     assert learner.rate == pytest.approx(7e-5) and not learner.policy_optimiser.state
-
-
-@pytest.mark.parametrize("log_std, drawn", [(-9.0, -3.0), (-1.0, -1.0), (3.0, 0.5)])
-def test_actions_are_drawn_within_bounds_of_their_deviation(log_std, drawn):
-    policy = Gaussian(mean=2.0, log_std=log_std)
-    normal = distribution(policy, torch.zeros(4, 1))
-    assert normal.mean.tolist() == [[2.0]] * 4 and normal.scale.log().flatten().tolist() == pytest.approx([drawn] * 4)
 
 
 def test_advantages_are_the_returns_where_lambda_and_the_values_say_so():

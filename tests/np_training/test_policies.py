@@ -3,7 +3,6 @@
 import csv
 import dataclasses
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,22 +12,17 @@ from np_common.rotations import quaternion_from_matrix, rotation_angle
 from np_control.impedance import torque
 from np_description.domains import BUMP, CARD
 from np_description.panda import NOMINAL
-from np_policy.action import STIFFNESS
 from np_policy.networks import PreContactNetwork
 from np_training import train
 from np_training.environment import contact
 from np_training.environment.config import EnvironmentConfig
 from np_training.environment.environment import Environment
-from np_training.environment.object_poses import PRE_STATE_SIZE, pre_contact_state
+from np_training.environment.object_poses import pre_contact_state
 from np_training.episodes.evaluation import evaluate
 from np_training.physics.batched import BatchedPhysics
 from np_training.physics.config import PhysicsConfig
-from np_training.ppo import curriculum
-from np_training.ppo.config import TrainConfig
 from np_training.ppo.distillation import Student, distil, shares_with
-from np_training.ppo.networks import ActorCritic, PreContactActor, sample
-from np_training.ppo.trainer import Trainer
-from np_training.reports.releasing import without_optimisers
+from np_training.ppo.networks import ActorCritic, PreContactActor
 from np_training.tasks.poses import sample_tasks
 from np_training.tasks.randomisation import PAPER
 from np_training.tasks.registry import find_task
@@ -141,194 +135,6 @@ def test_training_runs_and_goes_on_where_it_stopped(tmp_path, monkeypatch, capsy
     assert state["iteration"] == 3
 
 
-def test_a_resumed_run_keeps_its_mean_success_and_so_its_practice(environment):
-    before = Trainer(environment, TrainConfig(rollout=1))
-    before.curriculum.advance(0.5, 3 * before.curriculum.window)
-    after = Trainer(environment, TrainConfig(rollout=1))
-    after.load_state_dict(before.state_dict())
-    after.curriculum.advance(0.0, after.curriculum.window // 4)
-    assert after.curriculum.success == pytest.approx(0.375)
-
-
-def test_both_learners_get_returns_against_their_critics_and_contacts_out_of_reach_count_as_failures(
-    environment, monkeypatch
-):
-    trainer, seen = Trainer(environment, TrainConfig(rollout=3, pre_least=1)), {}
-    for name in ("post", "pre"):
-        monkeypatch.setattr(
-            getattr(trainer, name), "update", lambda samples, name=name: seen.update({name: samples}) or {}
-        )
-    starts = environment.starts
-    trainer.iterate()
-    assert environment.starts is not starts, "contacts are drawn anew, by the policy as it is"
-    for name, critic in (("post", trainer.networks.post_value), ("pre", trainer.networks.pre_value)):
-        with torch.no_grad():
-            value = critic(seen[name].critic_state)[:, 0]
-        torch.testing.assert_close(seen[name].returns - seen[name].advantage, value, atol=1e-4, rtol=1e-4)
-    rejected = environment.starts.rejected()
-    assert len(rejected) and (seen["pre"].returns[-len(rejected) :] == 0.02 * -100).all()
-    assert torch.equal(seen["pre"].state[-len(rejected) :], environment.starts.state[rejected])
-
-
-def test_a_run_goes_on_from_a_released_checkpoint_at_its_learning_rate(environment):
-    before = Trainer(environment, TrainConfig(rollout=1))
-    before.post.rate = 7e-5
-    released = without_optimisers(before.state_dict())
-    assert set(released["post"]) == {"rate"}
-    after = Trainer(environment, TrainConfig(rollout=1))
-    after.load_state_dict(released)
-    assert after.post.rate == pytest.approx(7e-5)
-    theirs = before.networks.state_dict()
-    assert all(torch.equal(value, theirs[name]) for name, value in after.networks.state_dict().items())
-    after.iterate()
-
-
-def test_few_episodes_leave_the_contact_policy_as_it_is(environment, monkeypatch):
-    def played(least):
-        trainer, seen = Trainer(environment, TrainConfig(rollout=2, pre_least=least)), []
-        for learner in (trainer.post, trainer.pre):
-            monkeypatch.setattr(learner, "update", lambda samples: seen.append(len(samples.state)) or {"kl": 1.0})
-        row = trainer.iterate()
-        assert ("pre_kl" in row) == ("pre_std" in row) == (len(seen) == 2)
-        return seen
-
-    steps, episodes = played(1)
-    assert steps == 2 * WORLDS
-    assert played(episodes) == [steps, episodes] and played(episodes + 1) == [steps]
-
-
-def test_sums_of_a_step_leave_practice_out_of_the_domains_own_episodes(environment):
-    trainer = Trainer(environment, TrainConfig(rollout=1))
-    trainer.kinds = ["own", "roll"]
-    trainer.environment = SimpleNamespace(
-        domain=CARD, kind=torch.tensor([0, 0, 0, 1, 1]), age=torch.tensor([3, 5, 7, 11, 13]),
-        total=torch.tensor([1.0, 2.0, 4.0, 8.0, 16.0]), tips=None, goals=SimpleNamespace(position=None),
-    )  # fmt: skip
-    masks = {
-        "done": "11010", "success": "10010", "broken": "00001", "lost": "01010", "stopped": "01000", "pressed": "11010",
-        "timeout": "00110",
-    }  # fmt: skip
-    out = {name: torch.tensor([c == "1" for c in text]) for name, text in masks.items()}
-    finger, bare = torch.tensor([True, False, True, False, False]), torch.tensor([True, True, False, False, False])
-    out |= {
-        "touch": SimpleNamespace(finger=finger, bare=bare), "distance": torch.arange(5.0), "angle": 2 * torch.arange(5.0),
-        "terms": {"gains": torch.ones(5)},
-    }  # fmt: skip
-    assert {name: float(value) for name, value in trainer._count(out).items()} == {
-        "done": 2, "success": 1, "broken": 1, "lost": 1, "stopped": 1, "pressed": 2, "timeout": 0, "touching": 3,
-        "bare": 2, "length": 8, "total": 3, "end_distance": 1, "end_angle": 2, "done_roll": 1, "success_roll": 1,
-        "reward_gains": 5,
-    }  # fmt: skip
-
-
-def test_an_untrained_policy_commands_the_stiffness_of_the_setting(environment):
-    trainer = Trainer(environment, TrainConfig(stiffness=0.5))
-    assert trainer.networks.post.net[-1].bias[STIFFNESS].tanh().tolist() == pytest.approx([0.5] * 7)
-    assert Trainer(environment).networks.post.net[-1].bias[STIFFNESS].abs().max() == 0
-
-
-def test_a_row_of_the_log_has_means_over_episodes_steps_and_kinds_of_practice(environment):
-    trainer = Trainer(environment, TrainConfig(rollout=5, curriculum=curriculum.CurriculumConfig(practice=0.5)))
-    trainer.kinds, trainer.curriculum.practised = ["own", "roll", "turn"], [0.0, 0.0]
-    sums = {
-        "done": 20.0, "success": 10.0, "lost": 5.0, "stopped": 4.0, "pressed": 3.0, "timeout": 2.0, "length": 60.0,
-        "total": 40.0, "end_distance": 0.8, "end_angle": 8.0, "broken": 7.0, "overflowed": 6.0, "pre_feasible": 30.0,
-        "drawn": 40.0, "touching": 8.0, "bare": 2.0, "done_roll": 8.0, "success_roll": 6.0, "done_turn": 0.0,
-        "success_turn": 0.0, "reward_progress": 160.0,
-    }  # fmt: skip
-    row = trainer._row(sums)
-    expected = {
-        "iteration": 1, "steps": 5 * WORLDS, "stage": 0, "randomisation": 0, "episodes": 20, "practice": 0.5,
-        "success": 0.5, "success_mean": 0.5, "lost": 0.25, "stopped": 0.2, "pressed": 0.15, "timeout": 0.1, "length": 3,
-        "total": 2, "end_distance": 0.04, "end_angle": 0.4, "broken": 7, "overflowed": 6, "pre_feasible": 0.75,
-        "touching": 8 / (5 * WORLDS), "bare": 0.25, "success_roll": 0.75, "success_turn": 0,
-        "reward_progress": 160 / (5 * WORLDS),
-    }  # fmt: skip
-    assert row == pytest.approx(expected)
-    assert trainer.curriculum.practised == pytest.approx([0.75, 0.0])
-    empty = trainer._row(dict.fromkeys(sums, 0.0) | {"drawn": 1.0})
-    assert empty["steps"] == 10 * WORLDS and empty["success"] == empty["bare"] == 0 and empty["success_mean"] == 0.5
-
-
-def test_a_stage_of_a_recipe_is_over_by_its_steps_or_by_a_window_of_success_under_full_randomisation(environment):
-    trainer = Trainer(environment, TrainConfig(rollout=1))
-    trainer.steps = 100
-    trainer.begin_stage(3)
-    assert trainer.recipe_stage == 3
-    trainer.steps = 149
-    assert not trainer.is_over(None, 50) and not trainer.is_over(0.9, 50)
-    trainer.steps = 150
-    assert trainer.is_over(None, 50)
-    own = trainer.curriculum
-    for stage, episodes, success, over in (
-        (own.last, own.window, 0.9, True),
-        (own.last - 1, own.window, 0.9, False),
-        (own.last, own.window - 1, 0.9, False),
-        (own.last, own.window, 0.89, False),
-    ):
-        own.stage, own.episodes, own.success = stage, episodes, success
-        assert trainer.is_over(0.9, 51) == over and not trainer.is_over(None, 51)
-    trainer.begin_stage(4)
-    assert own.episodes == 0 and trainer.stage_begun == 150
-
-
-def test_a_stage_of_the_curriculum_sets_how_strict_episodes_are(environment):
-    before = environment.config
-    trainer = Trainer(environment, TrainConfig(rollout=1, hold=5, tolerance=0.6))
-    for stage, hold, tolerance, reflex in (
-        (0, 1, 1.0, False),
-        (curriculum.STAGES, 1, 1.0, False),
-        (curriculum.STAGES + 5, 3, 0.8, True),
-        (curriculum.STAGES + 10, 5, 0.6, True),
-    ):
-        trainer.curriculum.stage = stage
-        trainer._apply_stage()
-        config = environment.config
-        assert (config.hold, config.reflex) == (hold, reflex) and config.tolerance == pytest.approx(tolerance)
-        assert config.strictness == stage / 20 and environment.limits == curriculum.stage_limits(stage)
-    environment.config = before
-
-
-def test_a_checkpoint_brings_back_everything_but_the_episodes_under_way(environment, tmp_path):
-    config, before = environment.config, Trainer(environment, TrainConfig(rollout=1))
-    before.curriculum.practised = [0.25, 0.75]
-    before.curriculum.stage, before.curriculum.success, before.curriculum.episodes = 13, 0.7, 9
-    before.iteration, before.steps, before.seconds, before.recipe_stage, before.stage_begun = 5, 80, 2.5, 2, 30
-    before.save(tmp_path / "checkpoint.pt")
-    assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.pt"]
-    state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
-    after = Trainer(environment, TrainConfig(rollout=1))
-    after.curriculum.practised = [0.0, 0.0]
-    after.load_state_dict(state)
-    same = "iteration", "steps", "seconds", "stage", "success", "episodes", "practised", "recipe_stage", "stage_begun"
-    assert {name: after.state_dict()[name] for name in same} == {name: state[name] for name in same}
-    assert after.environment.limits == curriculum.stage_limits(13) and after.environment.config.strictness == 0.65
-    drawn = torch.rand(3)
-    after.load_state_dict(state)
-    assert torch.equal(torch.rand(3), drawn), "the same in a repeated run"
-    after.load_state_dict(state | {"iteration": 6})
-    assert not torch.equal(torch.rand(3), drawn), "others when it goes on later"
-    # Of a checkpoint without these the randomisation grew at once, in stage 11.
-    unknown = "seconds", "growth", "success", "episodes", "practised", "recipe_stage", "stage_begun"
-    after.load_state_dict({name: value for name, value in state.items() if name not in unknown} | {"stage": 11})
-    assert (after.seconds, after.curriculum.success, after.curriculum.episodes) == (0.0, 0.0, 0)
-    assert (after.recipe_stage, after.stage_begun, after.curriculum.stage) == (0, 0, 20)
-    environment.config = config
-
-
-def test_actions_are_drawn_no_wider_than_the_setting_once_randomised(environment):
-    wide = Trainer(environment, TrainConfig(rollout=1))
-    narrow = Trainer(environment, TrainConfig(rollout=1, deviation=0.1))
-    narrow.load_state_dict(wide.state_dict())
-    narrow.iterate()
-    assert narrow.networks.post.log_std.exp().min() > 0.4
-    for stage, most in ((curriculum.STAGES + 5, 0.1**0.5), (narrow.curriculum.last, 0.1)):
-        narrow.curriculum.stage = stage
-        narrow.iterate()
-        assert narrow.networks.post.log_std.exp().max() <= most + 1e-6
-    assert wide.networks.post.log_std.exp().min() > 0.4
-
-
 def test_distillation_brings_the_student_to_the_teacher():
     torch.manual_seed(5)
     teacher = PreContactActor()
@@ -385,15 +191,3 @@ def test_evaluation_counts_every_episode(environment):
         + figures["timeout"]
         == WORLDS
     )
-
-
-def test_a_deviation_at_its_edge_has_a_gradient(environment):
-    """Beyond what is drawn it would have none, and a resumed run could not search again."""
-    narrow = Trainer(environment, TrainConfig(rollout=1))
-    with torch.no_grad():
-        narrow.networks.pre.log_std.fill_(-4.0)
-    resumed = Trainer(environment, TrainConfig(rollout=1))
-    resumed.load_state_dict(narrow.state_dict())
-    log_probability = sample(resumed.networks.pre, torch.randn(8, PRE_STATE_SIZE))[1].sum()
-    (gradient,) = torch.autograd.grad(log_probability, resumed.networks.pre.log_std)
-    assert (gradient != 0).all()

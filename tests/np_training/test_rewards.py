@@ -1,5 +1,7 @@
 """The reward: finishing pays, a way back earns nothing, and every touch that a robot must not make has its price."""
 
+from dataclasses import fields
+
 import mujoco
 import numpy as np
 import pytest
@@ -79,6 +81,29 @@ def test_every_term_of_a_step_by_hand():
     lost = reward.terms(*step, NO, YES, middle, GENTLE, STILL, SEEN)
     assert lost["failure"].item() == -50 and lost["success"].item() == 0
     assert [lost[name].item() for name in ("bare", "force", "touch")] == [0, 0, 0]
+
+
+def test_the_reward_of_several_steps_at_once_is_that_of_each():
+    generator, reward = torch.Generator().manual_seed(0), RewardConfig(far=500.0, change=2.0, hidden=3.0)
+
+    def drawn(*shape):
+        return torch.rand(4, 5, *shape, generator=generator)
+
+    before, after = (Measures(drawn(), drawn(), drawn(), drawn(8)) for _ in range(2))
+    touch = PeriodTouch(60 * drawn(), drawn(), drawn() > 0.5, drawn() > 0.5)
+    rest = drawn() > 0.5, drawn() > 0.5, 10 + 90 * drawn(7), touch, 4 * drawn(6) - 2, drawn()
+    together = reward.terms(before, after, *rest)
+
+    def at(step, part):
+        if isinstance(part, torch.Tensor):
+            return part[step]
+        return type(part)(*(getattr(part, f.name)[step] for f in fields(part) if f.name != "strictness"))
+
+    for step in range(4):
+        alone = reward.terms(*(at(step, part) for part in (before, after, *rest)))
+        for name, term in alone.items():
+            assert term.shape == (5,)
+            torch.testing.assert_close(together[name][step], term)
 
 
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=lambda d: d.name)

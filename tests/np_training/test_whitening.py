@@ -35,3 +35,13 @@ def test_a_layer_takes_the_map_up_and_gives_it_back():
         assert (network(inputs) - wanted).abs().max() < 1e-4
         whiten.take_from(network.net[0])
         assert (network(whiten(inputs)) - first(whiten(inputs))).abs().max() < 1e-4
+
+
+def test_inputs_that_do_not_differ_along_some_axis_are_whitened_to_finite_numbers():
+    """Rounding makes the variance along such an axis a small number of either sign, of more than the floor's square."""
+    generator = torch.Generator().manual_seed(3)
+    inputs = 1e3 * torch.randn(50, 3, generator=generator) @ torch.randn(3, 32, generator=generator)
+    variances = torch.linalg.eigvalsh(torch.cov(inputs.double().T))
+    floor = 1e-7
+    assert variances.min() < -(floor**2)
+    assert torch.isfinite(Whitening.of(inputs, floor)(inputs)).all()

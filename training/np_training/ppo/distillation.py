@@ -11,6 +11,7 @@ from typing import NoReturn
 
 import torch
 
+from np_common.rotations import quaternion_from_matrix, rotation_angle
 from np_description.domains import Task
 from np_description.hand import HandShapes
 from np_description.objects.choice import DEFAULT, object_reference
@@ -109,7 +110,7 @@ def distil(
     teacher: PreContactActor,
     device: str,
     minutes: float,
-    batch: int = 8192,
+    batch: int,
     seed: int = 0,
     steps: int | None = None,
     hand: HandShapes | None = None,
@@ -145,7 +146,7 @@ def distil(
     whiten = Whitening.of(student_observation(*pool[:2]), KEYPOINT_NOISE / 3**0.5)
     if begin_with is not None:
         whiten.take_from(student.net[0])
-    optimiser = torch.optim.Adam(student.parameters(), lr=1e-3)
+    optimiser = torch.optim.Adam(student.parameters())
     while share < 1:
         share = (step + 1) / steps if steps else (time.monotonic() - begin) / (60 * minutes)
         for group in optimiser.param_groups:
@@ -158,7 +159,7 @@ def distil(
         keypoints, goal, target = (tensor[rows] for tensor in pool)
         levels = KEYPOINT_NOISE * torch.rand(batch, 1, 1, generator=generator, device=device)
         loss = (student(whiten(noisy_observation(keypoints, goal, levels))) - target).square().mean()
-        optimiser.zero_grad(set_to_none=True)
+        optimiser.zero_grad()
         loss.backward()
         optimiser.step()
         step += 1
@@ -169,7 +170,7 @@ def distil(
         keypoints, goal, target = sample(own)
         p, r, w = hand_pose.decode(student(student_observation(keypoints, goal)))
         tp, tr, tw = hand_pose.decode(target)
-        angle = (((r * tr).sum((-1, -2)) - 1) / 2).clamp(-1, 1).arccos()
+        angle = rotation_angle(quaternion_from_matrix(r), quaternion_from_matrix(tr))
         errors = {
             "position_mm": 1e3 * (p - tp).norm(dim=-1).mean().item(),
             "angle_rad": angle.mean().item(),

@@ -133,7 +133,7 @@ class Learner:
             -(share * torch.minimum(ratio * batch.advantage, clipped * batch.advantage)).sum()
             - self.config.entropy * entropy
         )
-        value_loss = (share * (self.critic(batch.critic_state)[:, 0] - batch.returns).square()).sum()
+        value_loss = (share * (self.critic(batch.critic_state).flatten() - batch.returns).square()).sum()
         with torch.no_grad():
             ratio_std = normal.scale / old_std
             kl = 0.5 * (ratio_std**2 + ((normal.mean - old_mean) / old_std) ** 2 - 1) - ratio_std.log()

@@ -32,7 +32,7 @@ class PreContactActor(nn.Module):
         return torch.tanh(self.net(state))
 
     @torch.no_grad()
-    def act(self, state: torch.Tensor, explore: float = 0.0) -> tuple[torch.Tensor, torch.Tensor]:
+    def act(self, state: torch.Tensor, explore: float) -> tuple[torch.Tensor, torch.Tensor]:
         """A sampled action (n, 9) and its log-probability (n,); a share `explore` of the actions has its object point
         anywhere on the object, so that no face is forgotten because another was learned first."""
         normal = distribution(self, state)
@@ -60,7 +60,7 @@ def distribution(policy: nn.Module, state: torch.Tensor) -> Normal:
 
 
 def sample(policy: nn.Module, state: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """A sampled action (n, k) and its log-probability (n,)."""
+    """A sampled action (..., k) and its log-probability (...), for states (..., m)."""
     normal = distribution(policy, state)
     action = normal.sample()
     return action, normal.log_prob(action).sum(-1)

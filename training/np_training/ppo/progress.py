@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from typing import TextIO
@@ -14,7 +15,7 @@ class TrainingProgress:
 
     def __init__(self, stream: TextIO | None = None, every: float = 60.0) -> None:
         self._stream = stream or sys.stderr
-        self._live, self._every, self._next = self._stream.isatty(), every, 0.0
+        self._live, self._every, self._next = self._stream.isatty(), every, -math.inf
 
     def show(self, row: dict[str, float], left: float) -> None:
         """Show a row of the log and the seconds that are left."""

@@ -102,7 +102,7 @@ class Trainer:
             state, critic_state = self._observe()
             with torch.no_grad():
                 action, logp = sample(nets.post, state)
-                value = nets.post_value(critic_state)[:, 0]
+                value = nets.post_value(critic_state).flatten()
             out = env.step(action)
             for name, tensor in (
                 ("state", state),
@@ -114,7 +114,7 @@ class Trainer:
                 ("done", out["done"]),
             ):
                 data[name].append(tensor)
-            where = out["done"].nonzero()[:, 0]
+            where = out["done"].nonzero().flatten()
             ended.append(
                 (
                     env.pre_state[where],
@@ -150,7 +150,7 @@ class Trainer:
             policy.log_std.clamp_(*LOG_STD)
         if self.config.deviation:
             most = self.curriculum.randomisation * math.log(self.config.deviation)
-            self.networks.post.log_std.clamp_(max=min(most, LOG_STD[1]))
+            self.networks.post.log_std.clamp_(max=most)
 
     def _count(self, out: dict) -> dict[str, torch.Tensor]:
         """Sums over the worlds of what a step gave; those of ended episodes leave practice out."""
@@ -229,7 +229,7 @@ class Trainer:
         env, nets = self.environment, self.networks
         stacked = {name: torch.stack(tensors) for name, tensors in data.items()}
         with torch.no_grad():
-            last_value = nets.post_value(self._observe()[1])[:, 0]
+            last_value = nets.post_value(self._observe()[1]).flatten()
         gain = advantages(self.ppo, stacked["reward"], stacked["done"], stacked["value"], last_value)
         returns = gain + stacked["value"]
         flat = {name: tensor.flatten(0, 1) for name, tensor in stacked.items()}
@@ -254,7 +254,7 @@ class Trainer:
         episodes = distributed.total({"episodes": len(pre_state)}, env.device)["episodes"]
         if episodes >= self.config.pre_least:
             with torch.no_grad():
-                baseline = nets.pre_value(pre_state)[:, 0]
+                baseline = nets.pre_value(pre_state).flatten()
             pre = self.pre.update(PolicySamples(pre_state, pre_state, pre_action, pre_logp, total - baseline, total))
             row |= {f"pre_{name}": value for name, value in pre.items()}
             row["pre_std"] = float(nets.pre.log_std.detach().exp().mean())

@@ -147,7 +147,6 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
                 print(
                     f"resumed from {source} at {trainer.steps / 1e6:.1f} M steps, stage {trainer.curriculum.stage}",
                     file=sys.stderr,
-                    flush=True,
                 )
         resumed = False
         row, over, spent = train_stage(trainer, arguments, number, clock)
@@ -183,12 +182,12 @@ class Clock:
         self.begun, self.compiles = time.monotonic(), True
 
     def count(self, took: float) -> float:
-        """Count an iteration that took so many s; s that are left."""
+        """Count an iteration that took so many s; s that are left, at most 0 where the call is over."""
         now = time.monotonic()
         self.iterations -= 1
         if self.from_first:
             self.begun, self.from_first = now, False
-        return min(self.minutes * 60 - (now - self.begun), self.iterations * took - 1e-3)
+        return min(self.minutes * 60 - (now - self.begun), self.iterations * took)
 
 
 def train_stage(
@@ -197,7 +196,7 @@ def train_stage(
     """Train until the stage or the call is over; the last row of the log, and whether the stage is over, and the call."""
     distributed.check_same(trainer.networks)
     settings, checkpoint = arguments.stages[number], arguments.out / CHECKPOINT
-    first, saved, over = distributed.rank() == 0, time.monotonic(), False
+    first, saved = distributed.rank() == 0, time.monotonic()
     if first:
         arguments.out.mkdir(parents=True, exist_ok=True)
         write_config(trainer, arguments.out / "config.json")
@@ -207,7 +206,7 @@ def train_stage(
         row = trainer.iterate()
         now = time.monotonic()
         if first and clock.compiles:
-            print(f"kernels ready after {now - started:.0f} s, with the first iteration", file=sys.stderr, flush=True)
+            print(f"kernels ready after {now - started:.0f} s, with the first iteration", file=sys.stderr)
         clock.compiles = False
         trainer.seconds += now - started
         left = clock.count(now - started)
@@ -221,7 +220,7 @@ def train_stage(
                 trainer.save(checkpoint)
                 saved = now
         over = trainer.is_over(settings.success, settings.steps * 1e6)
-        spent = distributed.any_of(left < 0, trainer.environment.device)
+        spent = distributed.any_of(left <= 0, trainer.environment.device)
         if over or spent:
             break
     distributed.check_same(trainer.networks)

@@ -114,7 +114,7 @@ class RewardConfig:
     ) -> dict[str, torch.Tensor]:
         """Each term (n,), scaled. before, after: around the step; success, lost (n,) bool; stiffness (n, 7) Nm/rad; touch: what the robot felt;
         change (n, 6): of the pose residual since the last step, in [-2, 2];
-        hidden (n,): how far the camera is from seeing enough, 0 to 1."""
+        hidden (n,): how far the camera is from seeing enough, 0 to 1. Of several steps at once, (t, n) stands in the place of (n,)."""
         old, new = self.potentials(before), self.potentials(after)
         terms = {name: new[name] - old[name] for name in new} | {
             "success": self.success * success,
