@@ -1,6 +1,8 @@
 """A run of the training: what it goes on from, what is left of its time, when a stage is over, and what it writes."""
 
+import io
 import json
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,7 +13,7 @@ from torch import nn
 from np_training import train
 from np_training.checkpoints import CheckpointError
 from np_training.environment.config import EnvironmentConfig
-from np_training.ppo import training
+from np_training.ppo import distributed, training
 from np_training.ppo.config import PPOConfig, TrainConfig
 from np_training.ppo.curriculum import CurriculumConfig
 from np_training.ppo.log import read_log
@@ -26,8 +28,10 @@ class Counting:
 
     def __init__(self, clock, seconds=2.0):
         self.networks, self.setting, self.config, self.ppo = nn.Linear(1, 1), SETTING, TrainConfig(), PPOConfig()
-        self.environment = SimpleNamespace(config=EnvironmentConfig(), device=torch.device("cpu"))
-        self.steps, self.seconds, self.stage_begun, self.saved = 0, 0.0, 0, []
+        physics = SimpleNamespace(overflow=lambda: {"contacts": 0})
+        self.environment = SimpleNamespace(config=EnvironmentConfig(), device=torch.device("cpu"), physics=physics)
+        self.curriculum = SimpleNamespace(stage=4)
+        self.steps, self.seconds, self.stage_begun, self.saved, self.gone_back = 0, 0.0, 0, [], []
         self._clock, self._took = clock, seconds
 
     def iterate(self):
@@ -41,6 +45,15 @@ class Counting:
 
     def save(self, path):
         self.saved.append((self.steps, path.name))
+
+    def begin_stage(self, number):
+        self.stage_begun = self.steps
+
+    def go_back(self, stage):
+        self.gone_back.append(stage)
+
+    def state_dict(self):
+        return {"steps": self.steps}
 
 
 @pytest.fixture
@@ -59,6 +72,7 @@ def options(folder, **changes):
         "minutes": 1.0,
         "iterations": 100,
         "from_first": False,
+        "stage": None,
         "show_every": 0.0,
         "save_every": 1e9,
     }
@@ -110,6 +124,54 @@ def test_a_stage_logs_every_iteration_saves_in_between_and_shows_what_is_left(cl
     assert shown == [f"{left} min left" for left in ("1.3", "1.0", "0.7", "0.3", "0.0")]
 
 
+def shown_minutes(error):
+    """What lines of the progress on standard error end with."""
+    return [line.split("  ")[-1].removesuffix(" min left") for line in error.splitlines() if "M steps" in line]
+
+
+def test_time_left_is_that_of_the_iterations_where_these_end_first(clock, tmp_path, capsys):
+    trainer, arguments = Counting(clock, 60.0), options(tmp_path, minutes=10.0, iterations=3)
+    training.train_stage(trainer, arguments, 0, training.Clock(arguments))
+    assert shown_minutes(capsys.readouterr().err) == ["2.0", "1.0", "0.0"]
+
+
+def test_time_left_is_never_less_than_none(clock, tmp_path, capsys):
+    trainer, arguments = Counting(clock, 60.0), options(tmp_path, minutes=1.5)
+    training.train_stage(trainer, arguments, 0, training.Clock(arguments))
+    assert shown_minutes(capsys.readouterr().err) == ["0.5", "0.0"]
+
+
+def test_a_call_goes_on_while_half_a_second_is_left(clock, tmp_path):
+    trainer, arguments = Counting(clock, 2.0), options(tmp_path, minutes=2.5 / 60)
+    assert training.train_stage(trainer, arguments, 0, training.Clock(arguments))[2]
+    assert trainer.steps == 20
+
+
+@pytest.mark.parametrize("rank", [0, 1])
+def test_the_first_process_alone_writes_and_all_compare_their_networks_at_both_ends(
+    rank, clock, tmp_path, monkeypatch, capsys
+):
+    trainer, arguments, compared = Counting(clock), options(tmp_path / "run", iterations=3), []
+    monkeypatch.setattr(distributed, "rank", lambda: rank)
+    monkeypatch.setattr(
+        distributed, "check_same", lambda networks: compared.append((networks is trainer.networks, trainer.steps))
+    )
+    training.train_stage(trainer, arguments, 0, training.Clock(arguments))
+    assert compared == [(True, 0), (True, 30)]
+    written = sorted(path.name for path in tmp_path.rglob("*"))
+    assert written == ([] if rank else ["config.json", "log.csv", "run"]) and bool(trainer.saved) == (rank == 0)
+    assert bool(capsys.readouterr().err) == (rank == 0)
+
+
+def test_a_terminals_line_is_left_when_a_stage_ends(clock, tmp_path, monkeypatch):
+    terminal = io.StringIO()
+    terminal.isatty = lambda: True
+    monkeypatch.setattr(sys, "stderr", terminal)
+    arguments = options(tmp_path, iterations=2)
+    training.train_stage(Counting(clock), arguments, 0, training.Clock(arguments))
+    assert terminal.getvalue().count("\r") == 2 and terminal.getvalue().endswith("min left\n")
+
+
 def test_every_setting_reaches_what_it_is_a_setting_of(monkeypatch):
     given = (
         "limit=7 rollout=3 stiffness=0.5 deviation=0.2 tolerance=0.4 hold=9 residual=False growth=4 practice=0.3 "
@@ -145,6 +207,7 @@ def test_what_a_report_needs_of_a_run_lies_beside_its_log(clock, tmp_path, monke
     written = json.loads((tmp_path / "config.json").read_text())
     assert written["command"] == ["np_training.train", "--worlds", "4"] and written["setting"] == SETTING
     assert (written["processes"], written["device"]) == (1, "CPU")
+    assert ' "processes": 1,' in (tmp_path / "config.json").read_text().splitlines(), "a line for each"
     assert written["ppo"]["clip"] == 0.2 and written["train"]["rollout"] == 12 and written["environment"]["reward"]
 
 
@@ -158,10 +221,10 @@ def test_a_found_checkpoint_of_another_object_is_refused_and_a_named_one_is_not(
         training.check_same_run(other, trainer, Path("checkpoint.pt"))
 
 
-def kept(path, steps):
+def kept(path, steps, **changes):
     """A checkpoint of so many steps, in the second stage of a recipe."""
     path.parent.mkdir(exist_ok=True)
-    state = {"networks": {}, "steps": steps, "recipe_stage": 1, "stage_begun": 3}
+    state = {"networks": {"a": torch.zeros(1)}, "steps": steps, "recipe_stage": 1, "stage_begun": 3} | changes
     torch.save(state, path)
     return path
 
@@ -183,6 +246,84 @@ def test_a_run_goes_on_from_its_own_checkpoint_and_begins_its_recipe_anew_with_a
 def test_a_recipe_that_is_through_is_not_trained_again(tmp_path):
     own = kept(tmp_path / "checkpoint.pt", 50)
     assert training.run(options(tmp_path), "cpu") == {"checkpoint": str(own), "done": True}
+
+
+@pytest.mark.parametrize("processes, device", [(1, "meta"), (2, "cpu")])
+def test_a_process_alone_reads_its_checkpoint_onto_its_device_and_one_of_several_into_main_memory(
+    processes, device, tmp_path, monkeypatch
+):
+    """From there its tensors go to the others by a message."""
+    kept(tmp_path / "checkpoint.pt", 50)
+    monkeypatch.setattr(distributed, "size", lambda: processes)
+    monkeypatch.setattr(distributed, "furthest", lambda state, device: state)
+    assert training.find_state(options(tmp_path), "meta")[0]["networks"]["a"].device.type == device
+
+
+@pytest.fixture
+def made(clock, monkeypatch):
+    """Trainers that runs have made, with the number of their stage; one goes on at the steps of the state that it was given."""
+    made = []
+
+    def make(arguments, device, number, state):
+        trainer = Counting(clock, 2.34)
+        trainer.steps = trainer.stage_begun = state["steps"] if state else 0
+        made.append((number, trainer))
+        return trainer
+
+    monkeypatch.setattr(training, "make_trainer", make)
+    before, torch.backends.cuda.matmul.allow_tf32 = torch.backends.cuda.matmul.allow_tf32, False
+    yield made
+    torch.backends.cuda.matmul.allow_tf32 = before
+
+
+def test_a_run_through_two_stages_goes_back_and_is_resumed_once_and_ends_with_a_line(made, tmp_path, capsys):
+    other, stage = kept(tmp_path / "other/checkpoint.pt", 70), SimpleNamespace(success=None, steps=20e-6)
+    line = training.run(options(tmp_path / "out", resume=other, stage=3, stages=[stage, stage]), "cpu")
+    assert [(number, trainer.steps, trainer.gone_back) for number, trainer in made] == [(0, 90, [3]), (1, 110, [])]
+    resumed = [text for text in capsys.readouterr().err.splitlines() if "resumed" in text]
+    assert resumed == [f"resumed from {other} at 0.0 M steps, stage 4"]
+    assert line.pop("steps_per_second") == pytest.approx(10 / 2.34)
+    assert line == {
+        "checkpoint": str(tmp_path / "out/checkpoint.pt"), "domain": "card", "object": "default", "scenario": 0,
+        "done": True, "overflow": {"contacts": 0}, "processes": 1, "steps": 110, "stage": 0, "success": 0, "lost": 0,
+        "wall_s": 9.4,
+    }  # fmt: skip
+    assert torch.backends.cuda.matmul.allow_tf32, "a GPU multiplies matrices several times faster so"
+
+
+def test_a_run_whose_iterations_are_spent_ends_after_the_stage_that_they_ended(made, tmp_path, capsys):
+    stage = SimpleNamespace(success=None, steps=20e-6)
+    for iterations, stages, done in ((2, 1, False), (1, 1, False), (4, 2, True)):
+        made.clear()
+        line = training.run(options(tmp_path, iterations=iterations, stages=[stage, stage]), "cpu")
+        assert (len(made), line["done"]) == (stages, done)
+    assert "resumed" not in capsys.readouterr().err
+
+
+def test_a_checkpoint_without_a_stage_of_a_recipe_is_in_its_first(made, tmp_path):
+    torch.save({"networks": {}, "steps": 50}, tmp_path / "checkpoint.pt")
+    assert training.run(options(tmp_path, iterations=1), "cpu")["steps"] == 60
+    assert [number for number, _ in made] == [0]
+
+
+def test_a_run_refuses_what_lies_in_its_folder_from_another_object_and_takes_what_is_named(made, tmp_path):
+    other = kept(tmp_path / "other/checkpoint.pt", 70, setting={"object": "wood"}, recipe_stage=0)
+    assert training.run(options(tmp_path / "new", resume=other, iterations=1), "cpu")["steps"] == 80
+    with pytest.raises(CheckpointError, match="name another --out"):
+        training.run(options(other.parent), "cpu")
+
+
+@pytest.mark.parametrize("rank", [0, 1])
+def test_the_first_process_alone_says_what_is_resumed_and_writes_the_next_stage(
+    rank, made, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(distributed, "rank", lambda: rank)
+    stage = SimpleNamespace(success=None, steps=20e-6)
+    kept(tmp_path / "checkpoint.pt", 70, recipe_stage=0)
+    training.run(options(tmp_path, stages=[stage]), "cpu")
+    assert ("resumed from" in capsys.readouterr().err) == (rank == 0)
+    # Once at the end of the stage, once as the beginning of the next.
+    assert made[0][1].saved == ([] if rank else [(90, "checkpoint.pt")] * 2)
 
 
 def test_forces_of_ended_episodes_have_a_median_a_quantile_and_a_largest():
