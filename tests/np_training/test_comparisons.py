@@ -148,6 +148,10 @@ def test_progress_names_what_is_going_on(domain, capsys, monkeypatch):
     ):
         assert part in text
     assert ("tips1 0.25" in text) == (domain is not CARD)
+    pressed = {"force_median": 12.4, "force_q99": 31.0, "pressed": 0.02, "overflowed": 3.0}
+    assert "force 12 N, 99 % 31, stopped 0.020" in describe(row | pressed, 90)
+    assert describe(row | pressed, 90).endswith("3 worlds over capacity  1.5 min left")
+    assert "force" not in text and "capacity" not in text
     del row["randomisation"]
     assert f"stage {STAGES + 1}/{STAGES}" in describe(row, 90)
     progress = TrainingProgress()

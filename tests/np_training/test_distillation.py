@@ -211,7 +211,7 @@ def test_of_a_checkpoint_the_contact_policy_is_taught_and_both_policies_are_writ
     monkeypatch.setattr(distillation, "distil", lambda *arguments: taught.append(arguments) or (student, {"steps": 5}))
     arguments = argparse.Namespace(
         checkpoint=path, device="cpu", domain=None, object=None, minutes=3.0, batch=16, seed=4, steps=5, practice=0.2,
-        effects=Patch(), begin=None, sizes=sizes, out=tmp_path / "deep/out", weights=tmp_path / "deep/weights",
+        effects=Patch(), begin=None, sizes=sizes, out=tmp_path / "deep/out", weights=tmp_path / "elsewhere/weights",
     )  # fmt: skip
     for _ in range(2):  # the second time the folders are there
         line = distillation.distil_checkpoint(arguments, pytest.fail)
@@ -221,7 +221,7 @@ def test_of_a_checkpoint_the_contact_policy_is_taught_and_both_policies_are_writ
     file = tmp_path / "deep/out/pre_contact_student_wall.safetensors"
     played = {"domain": "wall", "object": "default"} | ({"sizes": "0.8 1.2"} if sizes != (1.0, 1.0) else {})
     assert line == {"file": str(file), **played, "practice": 0.2, "steps": 5}
-    folder = tmp_path / "deep/weights"
+    folder = tmp_path / "elsewhere/weights"
     written = {file: student, folder / "pre_contact_wall.safetensors": student}
     for path, network in (written | {folder / "post_contact_wall.safetensors": networks.post}).items():
         tensors = load_file(path)

@@ -322,8 +322,10 @@ def test_a_checkpoint_of_a_gpu_goes_on_on_a_cpu():
     state = deepcopy(learner.state_dict())
     for optimiser in state.values():
         optimiser["param_groups"][0] |= {"capturable": True, "fused": False}  # the first is for a GPU alone
+    state["policy"]["param_groups"][0]["lr"] = 7e-5  # a number, as an optimiser without steering has it
     learner.load_state_dict(state)
     learner.update(batch)
+    assert learner.rate == pytest.approx(7e-5)
     for optimiser in (learner.policy_optimiser, learner.critic_optimiser):
         assert optimiser.param_groups[0]["fused"] and not optimiser.param_groups[0]["capturable"]
 

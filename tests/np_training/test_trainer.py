@@ -256,8 +256,9 @@ def test_each_process_and_each_resumption_has_the_random_numbers_of_published_ru
 
 
 def test_a_training_begins_with_contacts_of_its_policy_in_every_world_and_nothing_counted(environment):
-    environment.starts = None
+    environment.starts = environment.limits = None
     trainer = Trainer(environment)
+    assert environment.limits == curriculum.stage_limits(0)
     assert len(environment.starts.state) == 2 * WORLDS, "some are out of reach"
     assert all((state == environment.starts.state).all(-1).any() for state in environment.pre_state)
     counted = "iteration", "steps", "seconds", "stage", "success", "episodes", "recipe_stage", "stage_begun"

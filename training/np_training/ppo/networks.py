@@ -38,7 +38,7 @@ class PreContactActor(nn.Module):
         normal = distribution(self, state)
         action = normal.sample()
         elsewhere = torch.rand(len(state), 1, device=state.device) < explore
-        direction = torch.nn.functional.normalize(torch.randn_like(action[:, 6:]), dim=-1)
+        direction = torch.nn.functional.normalize(torch.randn_like(action[:, 6:]))
         action[:, 6:] = torch.where(elsewhere, direction, action[:, 6:])
         return action, normal.log_prob(action).sum(-1)
 

@@ -49,7 +49,6 @@ class Trainer:
         self.curriculum = Curriculum(window, config.curriculum, len(self.kinds) - 1)
         self._seed()
         self._apply_stage()
-        self._narrow()
         environment.starts = environment.draw_starts(self.networks.pre, 2 * environment.config.worlds)
         environment.reset(torch.arange(environment.config.worlds, device=environment.device))
         # Without this every episode would end in the same step.
