@@ -75,3 +75,12 @@ def test_a_share_of_the_contacts_points_anywhere_and_has_the_probability_of_wher
         expected = distribution(actor, state).log_prob(action).sum(-1)
         torch.testing.assert_close(log_probability, expected.detach())
     assert action[:, 6:].mean(0).abs().max() < 0.05, "all directions alike"
+
+
+def test_without_a_share_no_contact_points_anywhere_whatever_is_drawn(monkeypatch):
+    """A random number may be 0 exactly, once in 2^24."""
+    torch.manual_seed(0)
+    actor = PreContactActor()
+    monkeypatch.setattr(torch, "rand", torch.zeros)
+    action, _ = actor.act(torch.randn(50, 18), 0.0)
+    assert ((action[:, 6:].norm(dim=-1) - 1).abs() > 1e-5).all()
