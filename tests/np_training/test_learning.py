@@ -13,6 +13,7 @@ from torch import nn
 from np_training.environment.object_poses import PRE_STATE_SIZE
 from np_training.ppo import distributed
 from np_training.ppo.config import PPOConfig, TrainConfig
+from np_training.ppo.curriculum import CurriculumConfig
 from np_training.ppo.learner import STATISTICS, Learner, PolicySamples, advantages
 from np_training.ppo.networks import ActorCritic, distribution, sample
 
@@ -111,6 +112,9 @@ def test_the_defaults_are_those_that_recipes_count_on():
     config = TrainConfig()
     assert (config.rollout, config.hold, config.tolerance, config.reflex) == (12, 3, 1.0, True)
     assert (config.pre_least, config.stiffness, config.deviation) == (64, 0.0, None)
+    config = CurriculumConfig()
+    assert (config.residual, config.advance_at, config.growth, config.practised_at) == (True, 0.8, 10, 0.6)
+    assert (config.practice, config.explore, config.kept, config.least_weight) == (0.0, 0.0, 0.0, 0.03)
 
 
 def test_settings_are_read_without_pytorch():
