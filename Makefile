@@ -131,7 +131,7 @@ mutants: setup ## CASES=200 SEED JOBS SET=control|learner|training: small faults
 	@touch $@
 
 .venv-franka-sim/.installed: tests/driver/requirements.txt tools/python.sh
-	@unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONHOME; "$$(tools/python.sh)" -m venv --clear .venv-franka-sim \
+	@tools/check.sh && unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONHOME && "$$(tools/python.sh)" -m venv --clear .venv-franka-sim \
 		&& .venv-franka-sim/bin/python -m pip --disable-pip-version-check -qq install -r $<
 	@touch $@
 

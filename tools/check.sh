@@ -7,6 +7,13 @@ case $root in
              "by its path, which may hold none; move the clone" >&2
         exit 1 ;;
 esac
+for name in .venv .venv-franka-sim; do
+    if [ -L "$root/$name" ]; then
+        echo "make setup: expected $name to be a folder of this checkout, or not there yet; it is a link to" \
+             "$(readlink "$root/$name"), which an installation would empty; remove the link" >&2
+        exit 1
+    fi
+done
 if ! (probe=$(mktemp "$root/.writable.XXXXXX") && rm "$probe") 2> /dev/null; then
     echo "make setup: expected a checkout that can be written, cannot make a file in $root: read-only, full, or another" \
          "user's; clone it where you can write" >&2

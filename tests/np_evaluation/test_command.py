@@ -96,6 +96,25 @@ def test_set_up_refuses_a_checkout_that_cannot_be_written(tmp_path):
     assert subprocess.run([check, tmp_path], capture_output=True).returncode == 0 and not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("name", [".venv", ".venv-franka-sim"])
+def test_set_up_refuses_an_environment_that_is_a_link_for_it_would_empty_another_one(tmp_path, name):
+    shared, clone = tmp_path / "shared", tmp_path / "clone"
+    (shared / "bin").mkdir(parents=True)
+    clone.mkdir()
+    check = [ROOT / "tools/check.sh", clone]
+    assert subprocess.run(check, capture_output=True).returncode == 0
+    (clone / name).symlink_to(shared)
+    done = subprocess.run(check, capture_output=True, text=True)
+    assert done.returncode == 1 and done.stderr.count("\n") == 1 and (shared / "bin").is_dir()
+    assert f"expected {name} to be a folder of this checkout" in done.stderr
+    assert f"it is a link to {shared}," in done.stderr and done.stderr.endswith("remove the link\n")
+
+
+@pytest.mark.parametrize("name, source", [(".venv", "tools/install.sh"), (".venv-franka-sim", "tools/python.sh")])
+def test_an_environment_is_emptied_only_after_the_check(name, source):
+    assert made("-W", source, f"{name}/.installed").startswith("tools/check.sh && ")
+
+
 def test_the_environment_before_set_up_says_what_to_do(tmp_path):
     shutil.copy(ROOT / "env.sh", tmp_path)
     done = subprocess.run(["bash", "-c", ". ./env.sh; echo $?"], cwd=tmp_path, capture_output=True, text=True)
