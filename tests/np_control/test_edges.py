@@ -133,6 +133,8 @@ def test_the_press_is_the_force_and_never_less_than_a_torque_of_its_lever():
     assert share < 1 and np.linalg.norm(tip_force(READY, share * torque)) == pytest.approx(LIMITS.press)
     turn = 40.0 * np.eye(7)[6]  # the hand about its own axis: nothing presses
     assert press_force_scale(LIMITS, READY, turn) == 1.0
+    no_force_at_all = np.array([-1.875, -1.25, 0.25, -1.0, -1.25, 1.0, -1.75])  # not even one by rounding
+    assert press_force_scale(LIMITS, no_force_at_all, turn) == 1.0
     stretched = 1e-2 + ZERO  # a small torque is a large force there
     torque = 40.0 * np.linalg.svd(jacobian(stretched)[:3])[2][2]
     assert np.linalg.norm(tip_force(stretched, torque)) > 300  # N

@@ -30,4 +30,5 @@ def press_force_scale(limits: SafetyLimits, q: np.ndarray, torque: np.ndarray) -
     size, gentle = float(np.sqrt(torque @ torque)), LEVER * limits.press
     if size <= gentle:  # almost always, and it costs nothing
         return 1.0
-    return min(1.0, max(limits.press / float(np.linalg.norm(tip_force(q, torque))), gentle / size))
+    force = float(np.linalg.norm(tip_force(q, torque)))
+    return max(limits.press / force, gentle / size) if force > limits.press else 1.0
