@@ -5,7 +5,8 @@ import numpy as np
 from np_description.domains import CARD, sample_task
 from np_description.phases import PhaseState
 from np_perception.pose_estimation import project_keypoints
-from np_policy.episode import Episode, EpisodeConfig, Tick
+from np_policy.episode import Episode, Tick
+from np_policy.episode_config import EpisodeConfig
 
 TICK = 100_000_000
 START, GOAL = sample_task(CARD, np.random.default_rng(0))

@@ -5,7 +5,7 @@ CONTROL = (
     f"{SOURCES}/np_control/np_control/*.py",
     f"{SOURCES}/np_control/np_control/safety/*.py",
     f"{SOURCES}/np_policy/np_policy/action.py",
-    f"{SOURCES}/np_policy/np_policy/episode.py",
+    f"{SOURCES}/np_policy/np_policy/episode*.py",
     f"{SOURCES}/np_policy/np_policy/observation.py",
     f"{SOURCES}/np_franka/np_franka/arm.py",
     f"{SOURCES}/np_franka/np_franka/driver.py",

@@ -19,7 +19,8 @@ from np_description.message_arrays import keypoints_array
 from np_description.panda import BASE_FRAME
 from np_description.scene import CAMERA_NAME
 from np_perception.pose_estimation import project_keypoints
-from np_policy.episode import Episode, EpisodeConfig, Goal
+from np_policy.episode import Episode, Goal
+from np_policy.episode_config import EpisodeConfig
 from np_ros.messages import pose_message
 from np_sim_bridge.simulation import Simulation
 

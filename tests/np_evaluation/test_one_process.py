@@ -11,7 +11,7 @@ from np_evaluation.in_process import InProcessRollout, KeypointProjector
 from np_evaluation.keypoint_projector import DetectedKeypoints
 from np_planning.rrt import PlanningError
 from np_policy.action import PolicyError
-from np_policy.episode import EpisodeConfig
+from np_policy.episode_config import EpisodeConfig
 from np_sim_bridge.simulation import Simulation
 
 LATE = Patch((PatchEffect("camera_latency", "camera", {"delay": 0.3}),))

@@ -10,7 +10,8 @@ from np_control.safety import LIMITS, filter, press
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
 from np_franka import arm, driver
-from np_policy import action, episode, observation
+from np_policy import action, observation
+from np_policy.episode_config import EpisodeConfig
 
 
 def check(found, **expected):
@@ -96,7 +97,7 @@ def test_the_driver():
 
 
 def test_the_episode():
-    config = asdict(episode.EpisodeConfig(CARD))
+    config = asdict(EpisodeConfig(CARD))
     del config["domain"], config["camera"]
     assert config == dict(
         lockstep=True,

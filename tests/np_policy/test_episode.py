@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from np_description.domains import CARD, Pose
 from np_description.phases import PhaseState
 from np_perception.pose_estimation import project_keypoints
-from np_policy.episode import ACTIVE, FAILED, IDLE, Episode, EpisodeConfig, Goal, InputRefusal, Tick
+from np_policy.episode import ACTIVE, FAILED, IDLE, Episode, Goal, InputRefusal, Tick
+from np_policy.episode_config import EpisodeConfig
 
 
 def test_no_episode_begins_with_the_goal_before_one_that_was_refused():

@@ -9,7 +9,7 @@ from np_description.camera import CAMERA, Camera
 from np_description.contact.depths import PUSHERS
 from np_description.contact.model import ContactModel
 from np_description.contact.penetration import kind_of
-from np_description.control_rate import PERIOD_NS, SECOND_NS
+from np_description.control_rate import PERIOD_NS, SECOND
 from np_description.domains import Pose, Task
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES, PandaModel
 from np_description.scene import OBJECT, load_model
@@ -31,7 +31,7 @@ class MujocoEngine:
         contact: ContactModel | None = None,
         change: SceneChange = UNCHANGED,
     ):
-        timestep = PERIOD_NS / SECOND_NS / substeps
+        timestep = PERIOD_NS / SECOND / substeps
         self.model = load_model(domain, timestep=timestep, camera=camera, panda=panda, contact=contact, change=change)
         self.data = data = mujoco.MjData(self.model)
         # Views of MuJoCo's own memory: making one costs as much as reading it.

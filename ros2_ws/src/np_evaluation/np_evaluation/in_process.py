@@ -18,6 +18,7 @@ from sim2real.effects.patch import Patch
 from np_control.controller import Controller
 from np_control.safety import Refusal, SafetyFilter
 from np_description.camera import CAMERA
+from np_description.control_rate import SECOND
 from np_description.domains import Task, find_domain
 from np_description.engine import MakeEngine
 from np_description.force_reflex import DEFAULT_MODE
@@ -34,7 +35,8 @@ from np_planning.collision import CollisionModel
 from np_planning.rrt import PlanningError
 from np_policy.action import PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, weights_file
-from np_policy.episode import SECOND, Episode, EpisodeConfig, Event
+from np_policy.episode import Episode, Event
+from np_policy.episode_config import EpisodeConfig
 from np_policy.policy import PostContactPolicy, PreContactPolicy
 from np_record.outcome import score_outcome
 from np_sim_bridge.simulation import Simulation

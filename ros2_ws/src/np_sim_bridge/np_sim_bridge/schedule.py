@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from np_description.control_rate import PERIOD_NS as PERIOD
-from np_description.control_rate import SECOND_NS as SECOND
+from np_description.control_rate import SECOND
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from np_control.dynamics import Dynamics
 from np_description.camera import CAMERA, Camera
 from np_description.contact.model import STEADY
-from np_description.control_rate import PERIOD_NS, SECOND_NS
+from np_description.control_rate import PERIOD_NS, SECOND
 from np_description.domains import Pose, Task
 from np_description.keypoints import box_keypoints
 from np_description.mujoco_engine import MujocoEngine
@@ -95,7 +95,7 @@ class WindowSimulator:
         log, rows, engine = window.recording.log, window.rows, self._engine
         engine.reset(start)
         engine.place(log.position[rows.start], log.velocity[rows.start])
-        moments = np.arange(log.time[rows.start], log.time[rows.stop - 1], PERIOD_NS / SECOND_NS)
+        moments = np.arange(log.time[rows.start], log.time[rows.stop - 1], PERIOD_NS / SECOND)
         joint_positions, speed, torque = (
             np.column_stack([np.interp(moments, time, column) for column in values.T])
             for time, values in ((log.time, log.position), (log.time, log.velocity), (log.torque_time, log.torque))

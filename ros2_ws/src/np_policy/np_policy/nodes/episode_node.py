@@ -21,7 +21,8 @@ from np_description.message_arrays import BadMessage, pose_arrays, stamp_nanosec
 from np_description.panda import BASE_FRAME, JOINT_NAMES
 from np_description.phases import ACTIVE, SUCCEEDED, PhaseState
 from np_description.scene import CAMERA_NAME
-from np_policy.episode import Episode, EpisodeConfig, Event, Goal, InputRefusal, Tick
+from np_policy.episode import Episode, Event, Goal, InputRefusal, Tick
+from np_policy.episode_config import EpisodeConfig
 from np_policy.nodes.common import StateStream, declare_settings, subscribe_keypoints
 from np_policy.sent_time import SentTime
 from np_ros import qos
