@@ -31,17 +31,6 @@ from np_ros.messages import keypoints_message
 from np_ros.node import Diagnostics, create_steady_timer, parameter, run
 from np_ros.phases import PhasePublisher, refusal_reason
 
-_FIELDS = (
-    "settle",
-    "pre_timeout",
-    "post_timeout",
-    "post_blind",
-    "success_frames",
-    "success_share",
-    "contacts",
-    "planning",
-    "arrival",
-)
 BACKEND_SILENCE = 3.0  # s of wall time; it reports every second
 _HELP = {
     "settle": ("Rest between approach and post, s.", 0.0, 10.0),
@@ -68,7 +57,7 @@ class EpisodeNode(Node):
         settings = declare_settings(self)
         self._domain = settings.domain
         defaults = EpisodeConfig(settings.domain, success_share=settings.domain.tolerance_fraction)
-        values = {name: parameter(self, name, getattr(defaults, name), *_HELP[name]) for name in _FIELDS}
+        values = {name: parameter(self, name, getattr(defaults, name), *described) for name, described in _HELP.items()}
         values["silence"] = parameter(
             self,
             "silence",
