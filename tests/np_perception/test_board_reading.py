@@ -7,6 +7,7 @@ import pytest
 from rclpy.serialization import serialize_message
 
 from np_description.camera import Camera
+from np_description.control_rate import SECOND
 from np_description.panda import NOMINAL, STATE_NAMES
 from np_perception.calibration.board import Board
 from np_perception.calibration.evidence import CalibrationRefusal, read_calibration_data
@@ -15,8 +16,6 @@ from np_perception.camera.rectify import view_camera
 from np_record.bag_writer import BagWriter
 from np_record.topics import BY_NAME
 from np_ros.messages import camera_info_message, image_message, joint_state_message
-
-SECOND = 1_000_000_000
 
 
 def record(path, board: Board, taken: float):

@@ -4,9 +4,8 @@ import time
 
 import pytest
 
+from np_description.control_rate import SECOND
 from np_policy.sent_time import SentTime
-
-SECOND = 1_000_000_000
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from sim2real.excitation.suite import TICK_NS
 
 from np_blind.arm.loop import RecordedRun, Targets
 from np_control.safety import LIMITS
+from np_description.control_rate import SECOND
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, IDLE, PhaseState
 from np_record.bag_writer import BagWriter
@@ -18,7 +19,6 @@ from np_record.bulk import serialize_joint_states
 from np_record.cdr import TYPESTORE, serialize
 from np_record.topics import BY_NAME
 
-SECOND = 1_000_000_000
 APPLIED_EVERY = 5  # periods
 TOPICS = tuple(
     BY_NAME[name]

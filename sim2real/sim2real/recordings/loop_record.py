@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from np_description.control_rate import SECOND
 from np_record.bag import BagError, Recording
 
-SECOND = 1e9
 EMPTY = np.zeros(0)
 
 

@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from np_control.impedance import damping
+from np_description.control_rate import SECOND
 from np_description.panda import JOINT_NAMES
 from np_record.bag import BagError, Recording, TopicMessages
 from np_record.bulk import has_joint, read_joint_positions, read_joint_states
@@ -25,7 +26,6 @@ from sim2real.thresholds import THRESHOLDS
 RECORDINGS = THRESHOLDS.recordings
 
 PERIOD = 0.002  # s between joint states
-SECOND = 1e9
 NPZ_KEYS = {"t_s": 1, "q_rad": 2, "dq_rad_s": 2, "tau_J_Nm": 2}  # name: dimensions
 CURRENT_KEYS = {"t_s": 1, "q_rad": 2, "dq_rad_s": 2, "current_A": 2}
 PD_KEYS = {

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from np_description.control_rate import SECOND
 from sim2real.thresholds import THRESHOLDS
 from sim2real.wiring.fault import WiringFault
 
 WIRING = THRESHOLDS.wiring
-SECOND = 1e9
 SURELY = 6.0  # standard errors of a drift
 
 

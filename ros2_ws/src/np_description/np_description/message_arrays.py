@@ -13,9 +13,9 @@ import numpy as np
 
 from np_common.rotations import wxyz_from_xyzw
 from np_description.calibration import Lens
+from np_description.control_rate import SECOND
 from np_description.keypoints import COUNT
 
-NANOSECONDS = 1_000_000_000
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]
 KEYPOINT_FIELDS = ("u", "v", "score")
 KEYPOINT_STEP = 4 * len(KEYPOINT_FIELDS)
@@ -80,12 +80,12 @@ def check_names(got: Sequence[str], names: Sequence[str], what: str) -> None:
 
 def stamp_nanoseconds(stamp) -> int:
     """Integer nanoseconds of a builtin_interfaces/Time."""
-    if stamp.sec < 0 or not 0 <= stamp.nanosec < NANOSECONDS:
+    if stamp.sec < 0 or not 0 <= stamp.nanosec < SECOND:
         raise BadMessage(
             "stamp",
             f"stamp: expected sec >= 0 and nanosec in 0 .. 999999999, got sec {stamp.sec}, nanosec {stamp.nanosec}",
         )
-    return stamp.sec * NANOSECONDS + stamp.nanosec
+    return stamp.sec * SECOND + stamp.nanosec
 
 
 def joint_state_arrays(message, names: Sequence[str]) -> Arrays:
@@ -129,7 +129,7 @@ def trajectory_arrays(message, names: Sequence[str]) -> Arrays:
     """(times (n,) s, positions (n, joints), velocities (n, joints)); times are not negative and increase."""
     check_names(message.joint_names, names, "JointTrajectory.joint_names")
     durations = [point.time_from_start for point in message.points]
-    times = np.array([d.sec * NANOSECONDS + d.nanosec for d in durations], dtype=np.int64)
+    times = np.array([d.sec * SECOND + d.nanosec for d in durations], dtype=np.int64)
     if times.size and (times[0] < 0 or (np.diff(times) <= 0).any()):
         raise BadMessage(
             "stamp", f"JointTrajectory: expected time_from_start >= 0 and increasing, got {times.tolist()} ns"
@@ -140,7 +140,7 @@ def trajectory_arrays(message, names: Sequence[str]) -> Arrays:
         what = f"JointTrajectory.points.{part}"
         rows = [check_shape(getattr(point, part), shape, what) for point in message.points]
         tables.append(check_finite(np.array(rows, dtype=np.float64).reshape(times.size, *shape), what))
-    return times / NANOSECONDS, *tables
+    return times / SECOND, *tables
 
 
 def gains_array(message) -> np.ndarray:

@@ -6,10 +6,10 @@ from collections import deque
 
 import numpy as np
 
+from np_description.control_rate import SECOND
 from np_description.domains import Pose
 from np_description.keypoints import box_keypoints
 
-SECOND = 1_000_000_000  # ns
 FASTEST = 5.0  # m/s that an object is moved by; what goes farther has been put somewhere else
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from np_description.control_rate import SECOND
 from np_record.bag import TopicMessages
 from np_record.bag_files import BagError
 from np_record.cdr import STAMP, TYPESTORE, layout, meaningful_bytes, serialize
@@ -13,7 +14,6 @@ from np_record.topics import TIMELINE
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _ARRAYS = ("position", "velocity", "effort")
-_SECOND = 1_000_000_000
 _KINDS = 20  # of messages that are read together; further ones are read one by one
 
 
@@ -73,7 +73,7 @@ def serialize_joint_states(
     template = serialize(message)
     table = np.tile(np.frombuffer(template, np.uint8), (len(stamps), 1))
     rows = table.view(layout(JOINT_STATE, template))[:, 0]
-    rows["stamp.sec"], rows["stamp.nanosec"] = stamps // _SECOND, stamps % _SECOND
+    rows["stamp.sec"], rows["stamp.nanosec"] = stamps // SECOND, stamps % SECOND
     for name, values in zip(_ARRAYS, (position, velocity, effort)):
         rows[name] = values
     for row in table:

@@ -18,11 +18,11 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from np_common.rotations import xyzw_from_wxyz
 from np_description.camera import Camera
+from np_description.control_rate import SECOND
 from np_description.keypoints import COUNT
 from np_description.message_arrays import (
     KEYPOINT_FIELDS,
     KEYPOINT_STEP,
-    NANOSECONDS,
     check_shape,
 )
 
@@ -34,7 +34,7 @@ def _doubles(values: np.ndarray) -> array:
 
 def stamp_message(nanoseconds: int) -> Time:
     """builtin_interfaces/Time of an integer of nanoseconds, 0 .. 2^31 s."""
-    seconds, rest = divmod(int(nanoseconds), NANOSECONDS)
+    seconds, rest = divmod(int(nanoseconds), SECOND)
     if not 0 <= seconds < 2**31:
         raise ValueError(f"stamp: expected 0 .. 2^31 s in nanoseconds, got {nanoseconds}")
     return Time(sec=seconds, nanosec=rest)
@@ -122,7 +122,7 @@ def trajectory_message(stamp: int, names: Sequence[str], times, positions, veloc
     positions, velocities = check_shape(positions, shape, "positions"), check_shape(velocities, shape, "velocities")
     message = JointTrajectory(header=header_message(stamp), joint_names=list(names))
     for time, position, velocity in zip(times.tolist(), positions, velocities):
-        seconds, rest = divmod(round(time * NANOSECONDS), NANOSECONDS)
+        seconds, rest = divmod(round(time * SECOND), SECOND)
         point = JointTrajectoryPoint(time_from_start=Duration(sec=seconds, nanosec=rest))
         point.positions, point.velocities = _doubles(position), _doubles(velocity)
         point.accelerations = point.effort = _doubles(np.zeros(len(names)))  # readers of bags refuse empty arrays

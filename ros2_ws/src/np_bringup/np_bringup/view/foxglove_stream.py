@@ -14,6 +14,7 @@ from foxglove.messages import Color, ImageAnnotations, Point2, PointsAnnotation,
 
 from np_bringup.nodes.robot_state_node import markers
 from np_bringup.view.shown_joints import ShownJoints
+from np_description.control_rate import SECOND
 from np_description.domains import Pose, Task
 from np_description.drawing.scene_data import SceneData
 from np_description.message_arrays import BadMessage, keypoints_array, pose_arrays
@@ -28,7 +29,6 @@ from np_ros.messages import serialize
 
 SCENE, CORNERS = "/scene_markers", "/corners"
 _PERIOD = 50_000_000  # ns between scenes
-_SECOND = 1_000_000_000
 _COLOURS = {"keypoints": Color(r=1.0, g=0.8, b=0.0, a=1.0), "goal_keypoints": Color(r=0.2, g=0.8, b=0.3, a=1.0)}
 
 
@@ -70,7 +70,7 @@ class FoxgloveStream:
 
     def _annotations(self, stamp: int) -> ImageAnnotations:
         """Foxglove's pixels begin at the corner of the first one, ours at its centre."""
-        when = Timestamp(sec=stamp // _SECOND, nsec=stamp % _SECOND)
+        when = Timestamp(sec=stamp // SECOND, nsec=stamp % SECOND)
         return ImageAnnotations(
             points=[
                 PointsAnnotation(
@@ -97,7 +97,7 @@ def play(recording: Recording, stream: FoxgloveStream, *, paced: bool = True) ->
     """Send a bag's messages as fast as they came, or at once."""
     began = time.monotonic()
     for message in recording.messages():
-        if paced and (early := (message.stamp - recording.start) / _SECOND - (time.monotonic() - began)) > 0:
+        if paced and (early := (message.stamp - recording.start) / SECOND - (time.monotonic() - began)) > 0:
             time.sleep(early)
         stream.send(message.topic, message.data, message.stamp)
 

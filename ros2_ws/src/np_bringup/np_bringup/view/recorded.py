@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from np_bringup.view.shown_joints import ArmNotNamed, ShownJoints
+from np_description.control_rate import SECOND
 from np_description.domains import Pose, pose_error
 from np_description.drawing.scene_data import SceneData
 from np_description.message_arrays import image_array, pose_arrays
@@ -15,7 +16,6 @@ from np_record.bag import BagError, Message, Recording
 from np_record.recorded_phases import PHASE_TOPICS, read_phase_changes
 
 RATE = 20  # moments a second
-_SECOND = 1_000_000_000
 
 
 class RecordedEpisode:
@@ -49,7 +49,7 @@ class RecordedEpisode:
                         continue
                     try:
                         self._moments.append(self._moment(message.stamp, joints.read()[1], pose, goal))
-                        due = message.stamp + _SECOND // RATE
+                        due = message.stamp + SECOND // RATE
                     except ArmNotNamed as error:
                         not_named = error
                 case name if name in collected:
@@ -74,7 +74,7 @@ class RecordedEpisode:
     def image(self, time: float) -> bytes | None:
         """The JPEG of the newest image at `time` s, None where there is none."""
         stamps = [stamp for stamp, _ in self._images]
-        number = int(np.searchsorted(stamps, self._start + time * _SECOND, side="right")) - 1
+        number = int(np.searchsorted(stamps, self._start + time * SECOND, side="right")) - 1
         return self._images[number][1] if number >= 0 else None
 
     def _keep_image(self, message) -> None:
@@ -84,7 +84,7 @@ class RecordedEpisode:
         return {"time": self._time(stamp), "poses": self._scene.poses(joints, pose, goal), **error(pose, goal)}
 
     def _time(self, stamp: int) -> float:
-        return round((stamp - self._start) / _SECOND, 3)
+        return round((stamp - self._start) / SECOND, 3)
 
 
 def error(pose: Pose | None, goal: Pose | None) -> dict:

@@ -23,6 +23,7 @@ from np_control.nodes.inputs import Pose
 from np_control.realtime_input import RealtimeCommandInput
 from np_control.safety import LIMITS, Refusal
 from np_control.trajectory import Trajectory
+from np_description.control_rate import SECOND
 from np_description.message_arrays import BadMessage, joint_state_arrays, stamp_nanoseconds
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import APPROACH, FAULT, PRE, PhaseState
@@ -31,7 +32,6 @@ from np_ros.low_latency.spin import request_realtime
 from np_ros.messages import JointStateWriter
 from np_ros.node import Diagnostics, create_steady_timer, parameter, run
 
-SECOND = 1_000_000_000
 MEASURED_ANSWERS = 5000  # commands over which times are reported: 10 s
 
 

@@ -11,7 +11,6 @@ from rclpy.serialization import deserialize_message, serialize_message
 from np_record.nodes.recorder_node import find_message_class
 from np_record.topics import BY_NAME
 
-SECOND = 1_000_000_000
 NODES = ("sim_bridge", "joint_impedance", "keypoint_oracle", "pre_contact", "approach", "post_contact", "episode")
 STREAMS = ("joint_states", "effort_command", "keypoints", "object_pose", "target_pose", "target_gains", "episode/tick")
 EVENTS = ("joint_trajectory", "gripper_command", "pre_contact_pose", "goal_pose", "goal_keypoints", "episode/phase")

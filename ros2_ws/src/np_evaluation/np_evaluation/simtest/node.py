@@ -11,10 +11,9 @@ from rclpy.clock import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from np_description.control_rate import SECOND
 from np_evaluation.simtest.endpoints import Endpoint, Publisher, Subscription
 from np_ros.low_latency.latest_message import PolledCallbackGroup
-
-SECOND = 1_000_000_000
 
 
 class Timer:

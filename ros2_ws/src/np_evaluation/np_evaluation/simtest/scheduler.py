@@ -16,10 +16,10 @@ from contextlib import contextmanager
 from itertools import count
 from types import SimpleNamespace
 
+from np_description.control_rate import SECOND
 from np_record import bag_writer
 from np_ros.processes import domain
 
-SECOND = 1_000_000_000
 _EPOCH = 1_700_000_000 * SECOND  # ns, wall clock at the start of a run
 _PACKAGES = ("np_ros.", "np_policy.", "np_control.", "np_planning.", "np_perception.", "np_sim_bridge.", "np_record.")
 

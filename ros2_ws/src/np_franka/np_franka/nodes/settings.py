@@ -13,6 +13,7 @@ from np_control.controller import ControllerConfig
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX
 from np_control.safety import SafetyLimits
 from np_description.calibration import MAX_AGE
+from np_description.control_rate import SECOND
 from np_description.force_reflex import FORCE_REFLEX, ForceReflex
 from np_franka.arm import FrankaArm
 from np_franka.checklist import Checklist
@@ -21,7 +22,6 @@ from np_franka.onboard import Onboard
 from np_franka.robots import ROBOTS
 from np_ros.node import parameter
 
-SECOND = 1_000_000_000
 CONTROLS = ("topic", "onboard")
 
 

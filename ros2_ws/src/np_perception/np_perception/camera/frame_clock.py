@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections import deque
 
-SECOND = 1_000_000_000
+from np_description.control_rate import SECOND
+
 WINDOW = 60 * SECOND  # of the camera's clock that the line is fitted to
 BIN = SECOND // 2  # of which the earliest arrival is kept
 SETTLED = 10 * SECOND  # from which on the drift is fitted too: before, any delay would be taken for drift

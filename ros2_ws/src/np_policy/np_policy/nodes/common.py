@@ -13,9 +13,9 @@ from sensor_msgs.msg import JointState, PointCloud2
 
 from np_description.calibration import load_calibrated_view
 from np_description.camera import Camera
+from np_description.control_rate import SECOND
 from np_description.domains import Task
 from np_description.message_arrays import (
-    NANOSECONDS,
     BadMessage,
     joint_state_arrays,
     keypoints_array,
@@ -47,7 +47,7 @@ class PolicySettings:
     @property
     def policy_rate(self) -> float:
         """Policy ticks a second."""
-        return NANOSECONDS / self.policy_period
+        return SECOND / self.policy_period
 
     def is_policy_tick(self, stamp: int) -> bool:
         """Whether something may be decided at stamp ns: always in real time, at policy ticks in lockstep."""
@@ -70,7 +70,7 @@ def declare_settings(node: Node) -> PolicySettings:
     calibration = parameter(
         node, "calibration", "", "File written by `calibrate`: where the camera is; empty: as trained."
     )
-    return PolicySettings(domain, mode == "lockstep", NANOSECONDS // rate, score, *load_calibrated_view(calibration))
+    return PolicySettings(domain, mode == "lockstep", SECOND // rate, score, *load_calibrated_view(calibration))
 
 
 def declare_weights(node: Node) -> str:

@@ -7,7 +7,8 @@ import struct
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
-from np_description.message_arrays import NANOSECONDS, BadMessage
+from np_description.control_rate import SECOND
+from np_description.message_arrays import BadMessage
 
 _HEADER = struct.Struct("<4siII")  # encapsulation, sec, nanosec, bytes of frame_id
 _PLAIN = b"\0\1\0\0"  # little-endian CDR
@@ -35,6 +36,6 @@ def read_stamp(data: bytes) -> int:
         encoding, seconds, rest, length = _HEADER.unpack_from(data)
         # At a twentieth of the time of rclpy's reader, which matters at 500 Hz.
         if encoding == _PLAIN and 0 < length <= len(data) - _HEADER.size:
-            return seconds * NANOSECONDS + rest
+            return seconds * SECOND + rest
     time = decode_raw(data, Header).stamp
-    return time.sec * NANOSECONDS + time.nanosec
+    return time.sec * SECOND + time.nanosec
