@@ -8,7 +8,6 @@ from sim2real.effects.patch import Patch, PatchEffect
 
 from np_description.domains import WALL, Pose
 from np_evaluation.in_process import InProcessRollout, KeypointProjector
-from np_evaluation.keypoint_projector import DetectedKeypoints
 from np_planning.rrt import PlanningError
 from np_policy.action import PolicyError
 from np_policy.episode_config import EpisodeConfig
@@ -90,13 +89,3 @@ def test_eyes_that_are_late_see_what_was():
     then, now, late = at(500_000_000, Patch()), at(800_000_000, Patch()), at(800_000_000, LATE)
     assert np.abs(now - then).max() > 3
     assert np.abs(late - then).max() < 0.05
-
-
-def test_images_show_what_true_corners_say():
-    arm = Simulation(WALL, seed=0)
-    seen = []
-    for eyes in (KeypointProjector(WALL, Patch(), 0), DetectedKeypoints(WALL, Patch(), 0)):
-        eyes.look(arm)
-        seen.append(eyes.seen(arm.stamp))
-    true, found = seen
-    assert found.shape == (8, 3) and np.median(np.linalg.norm((found - true)[:, :2], axis=1)) < 2.0  # px

@@ -19,14 +19,13 @@ from np_control.controller import Controller
 from np_control.safety import Refusal, SafetyFilter
 from np_description.camera import CAMERA
 from np_description.control_rate import SECOND
-from np_description.domains import Task, find_domain
+from np_description.domains import Task
 from np_description.engine import MakeEngine
 from np_description.force_reflex import DEFAULT_MODE
 from np_description.mujoco_engine import MujocoEngine
 from np_description.panda import JOINT_NAMES
 from np_description.phases import FAULT, POST, PRE, PhaseState
 from np_evaluation.calibration_corrections import CompensatedArm, CompensatedView, corrections
-from np_evaluation.keypoint_projector import DetectedKeypoints
 from np_evaluation.scoring import Result, engine_version, result_of
 from np_perception.occluded_keypoints import OccludedKeypointBuffer
 from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints
@@ -57,9 +56,8 @@ def find_engine(name: str) -> MakeEngine:
 class InProcessRollout:
     """A domain's graph as one object.
 
-    alone: contacts are chosen as if the object had the size that the weights were trained with; patch: effects of arm, scene and view, without
-    which policies and planner compute; corrected: the effects that detector and driver correct (`np_evaluation.calibration_corrections`);
-    weights: folder, "" for the project's own; keypoints: truth or camera; force_reflex: stop or observe.
+    patch: effects of arm, scene and view, without which policies and planner compute; corrected: the effects that detector and driver
+    correct (`np_evaluation.calibration_corrections`); weights: folder, "" for the project's own; force_reflex: stop or observe.
     """
 
     def __init__(
@@ -69,21 +67,17 @@ class InProcessRollout:
         *,
         seed: int = 0,
         contacts: int = 1,
-        alone: bool = False,
         patch: Patch = Patch(),
         corrected: Patch = Patch(),
         weights: str | Path = "",
-        keypoints: str = "truth",
         force_reflex: str = DEFAULT_MODE,
     ):
         self._told = corrections(corrected)
         self._domain, self._seed, self._contacts, self._patch = domain, seed, contacts, patch
         self._engine, self._force_reflex = find_engine(engine), force_reflex
         self._engine_named = {"engine": engine, "engine_version": engine_version(engine)}
-        chosen_for = find_domain(domain.name) if alone else domain
-        self._pre = PreContactPolicy(weights_file(PRE_CONTACT, domain, weights), chosen_for)
+        self._pre = PreContactPolicy(weights_file(PRE_CONTACT, domain, weights), domain)
         self._post = PostContactPolicy(weights_file(POST_CONTACT, domain, weights), domain)
-        self._images = DetectedKeypoints(domain, patch, seed, weights) if keypoints == "camera" else None
         self._collision = CollisionModel(domain)
 
     @property
@@ -118,11 +112,10 @@ class InProcessRollout:
             first_episode=number,
             engine=self._engine,
             scenario=scenario,
-            camera=CameraEffects(self._patch, CAMERA, self._seed).camera if self._images else CAMERA,
             patch=self._patch,
             force_reflex=self._force_reflex,
         )
-        eyes = self._eyes()
+        eyes = KeypointProjector(self._domain, self._patch, self._seed)
         view, driver = CompensatedView(self._told, self._domain), CompensatedArm(self._told)
         controller, guard = Controller(), SafetyFilter()
         guard.start(driver.read(arm.measure()).position[:7])
@@ -150,12 +143,6 @@ class InProcessRollout:
         outcome = score_outcome(self._domain, said, arm.object_pose(), arm.task.goal, arm.stamp / SECOND)
         result = result_of(number, outcome, time.monotonic() - began, force=arm.force.figures)
         return replace(result, **self._engine_named)
-
-    def _eyes(self) -> KeypointProjector | DetectedKeypoints:
-        if self._images is None:
-            return KeypointProjector(self._domain, self._patch, self._seed)
-        self._images.begin()
-        return self._images
 
     def _tick(self, arm: Simulation, controller: Controller, episode: Episode, now, seen, goal, said) -> None:
         before = episode.phase
