@@ -157,6 +157,15 @@ def parameter(
     return value
 
 
+def declare_mode(
+    node: Node,
+    default: str = "lockstep",
+    description: str = "lockstep: time waits for the replies; realtime: nothing waits.",
+) -> str:
+    """Declare the parameter `mode` and return its value, lockstep or realtime. Raises ValueError for another one."""
+    return parameter(node, "mode", default, description, choices=("lockstep", "realtime"))
+
+
 def create_steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
     """A timer of `period` s that goes on when the wall clock is set: one of rclpy's own clock stands still until that has caught up."""
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -185,8 +194,8 @@ class Diagnostics:
     """One DiagnosticStatus of a node on `diagnostics`, once a second and whenever `publish` is called.
 
     `values` are shown as they are, with the thread's wait for a processor and the subscribers found; `count` adds
-    up events such as refused commands. The level is that of the last call of `report`, at least WARN for one
-    period after something was counted as a problem.
+    up problems such as refused commands. The level is that of the last call of `report`, at least WARN for one
+    period after something was counted.
     """
 
     def __init__(self, node: Node, period: float = 1.0):
@@ -195,18 +204,16 @@ class Diagnostics:
         self._level, self._message = DiagnosticStatus.OK, "running"
         self._problem = ""
         self._has_twin = False
-        self._pauses: dict[
-            str, tuple[float, float]
-        ] = {}  # by reason: when a line may come again, and the pause after it
+        # By reason: when a line may come again, and the pause after it.
+        self._pauses: dict[str, tuple[float, float]] = {}
         self.values: dict[str, object] = {}
         self.counts: dict[str, int] = {}
         self._timer = create_steady_timer(node, period, self._tick)
 
-    def count(self, key: str, *, problem: bool = True) -> None:
-        """Add one to the count `key`; a problem raises the level to WARN until the next period."""
+    def count(self, key: str) -> None:
+        """Add one to the count `key`, which raises the level to WARN until the next period."""
         self.counts[key] = self.counts.get(key, 0) + 1
-        if problem:
-            self._problem = key
+        self._problem = key
 
     def refuse(self, reason: str, error: object) -> None:
         """Count what was not carried out under `refused_<reason>`, and log the error, ever less often while it goes on.

@@ -17,7 +17,7 @@ from np_description.message_arrays import BadMessage, joint_state_arrays, stamp_
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_ros import qos
 from np_ros.messages import joint_state_message
-from np_ros.node import Diagnostics, parameter, run
+from np_ros.node import Diagnostics, declare_mode, parameter, run
 
 
 class JointNameMap:
@@ -65,9 +65,7 @@ class JointNames(Node):
     def __init__(self):
         super().__init__("joint_names")
         given = parameter(self, "names", "fr3", "The backend's prefix in place of panda, or its nine names by commas.")
-        lockstep = (
-            parameter(self, "mode", "realtime", "As the backend's.", choices=("lockstep", "realtime")) == "lockstep"
-        )
+        lockstep = declare_mode(self, "realtime", "As the backend's.") == "lockstep"
         self._names = JointNameMap(given)
         self._diagnostics = Diagnostics(self)
         sent, heard = qos.publisher(lockstep), qos.subscriber(lockstep)

@@ -30,7 +30,7 @@ from np_description.phases import APPROACH, FAULT, PRE, PhaseState
 from np_ros import qos
 from np_ros.low_latency.spin import request_realtime
 from np_ros.messages import JointStateWriter
-from np_ros.node import Diagnostics, create_steady_timer, parameter, run
+from np_ros.node import Diagnostics, create_steady_timer, declare_mode, parameter, run
 
 MEASURED_ANSWERS = 5000  # commands over which times are reported: 10 s
 
@@ -40,13 +40,7 @@ class JointImpedance(Node):
 
     def __init__(self):
         super().__init__("joint_impedance")
-        mode = parameter(
-            self,
-            "mode",
-            "lockstep",
-            "lockstep: time waits for the replies; realtime: nothing waits.",
-            choices=("lockstep", "realtime"),
-        )
+        mode = declare_mode(self)
         barrier = parameter(
             self, "tick_barrier", True, "Lockstep: wait for ticks, trajectories and targets, not for states only."
         )

@@ -22,7 +22,7 @@ from np_perception.camera.rectify import VIEWS, Rectifier, view_camera
 from np_perception.camera.source import CameraError, CameraSource, EndOfImages
 from np_ros import qos
 from np_ros.messages import camera_info_message, image_message
-from np_ros.node import Diagnostics, create_steady_timer, parameter
+from np_ros.node import Diagnostics, create_steady_timer, declare_mode, parameter
 
 _RETRY = 1.0  # s between attempts to find a camera that has gone
 _READ = 0.1  # s
@@ -34,13 +34,7 @@ class CameraNode(Node):
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        mode = parameter(
-            self,
-            "mode",
-            "realtime",
-            "realtime: the newest image counts; lockstep: every one.",
-            choices=("lockstep", "realtime"),
-        )
+        mode = declare_mode(self, "realtime", "realtime: the newest image counts; lockstep: every one.")
         view = parameter(
             self,
             "view",

@@ -19,7 +19,7 @@ from np_description.message_arrays import BadMessage, camera_info_arrays, image_
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector
 from np_ros import qos
 from np_ros.messages import keypoints_message
-from np_ros.node import Diagnostics, create_steady_timer, parameter, run
+from np_ros.node import Diagnostics, create_steady_timer, declare_mode, parameter, run
 
 _SAME = 0.01  # px, within which a camera's parameters are those of training
 _COLLAPSED = 15  # images in a row without enough sure keypoints: half a second at 30 Hz
@@ -31,13 +31,7 @@ class KeypointDetectorNode(Node):
 
     def __init__(self):
         super().__init__("keypoint_detector")
-        mode = parameter(
-            self,
-            "mode",
-            "lockstep",
-            "lockstep: every image is processed; realtime: the newest.",
-            choices=("lockstep", "realtime"),
-        )
+        mode = declare_mode(self, "lockstep", "lockstep: every image is processed; realtime: the newest.")
         domain = parameter(self, "domain", "card", "Domain whose object is looked for: card, bump or wall.")
         weights = parameter(
             self,

@@ -26,7 +26,7 @@ from np_policy import action
 from np_ros import qos
 from np_ros.low_latency.latest_message import LatestMessage
 from np_ros.low_latency.raw import decode_raw, read_stamp
-from np_ros.node import Diagnostics, parameter
+from np_ros.node import Diagnostics, declare_mode, parameter
 from np_ros.task_domain import declare_domain
 
 OLDEST_STATE = 200_000_000  # ns before the image; the clocks of a robot and a camera may be apart too
@@ -58,13 +58,7 @@ def declare_settings(node: Node) -> PolicySettings:
     """Declare and read the parameters that every node of this package has. Raises CalibrationError for a bad file, ValueError
     for an object that is none of the domain's."""
     domain = declare_domain(node)
-    mode = parameter(
-        node,
-        "mode",
-        "lockstep",
-        "lockstep: time waits for the replies; realtime: nothing waits.",
-        choices=("lockstep", "realtime"),
-    )
+    mode = declare_mode(node)
     rate = parameter(node, "policy_rate", action.RATE, "Policy ticks a second; a divisor of 500.", 1, 500)
     score = parameter(node, "min_score", 0.3, "Score from which a keypoint is used.", 0.0, 1.0)
     calibration = parameter(

@@ -25,7 +25,7 @@ from np_description.scene import CAMERA_NAME
 from np_perception.occluded_keypoints import OccludedKeypointBuffer
 from np_ros import qos
 from np_ros.messages import keypoints_message
-from np_ros.node import Diagnostics, parameter, run
+from np_ros.node import Diagnostics, declare_mode, parameter, run
 from np_ros.task_domain import declare_domain
 
 
@@ -35,13 +35,7 @@ class KeypointOracle(Node):
     def __init__(self):
         super().__init__("keypoint_oracle")
         domain = declare_domain(self)
-        mode = parameter(
-            self,
-            "mode",
-            "lockstep",
-            "lockstep: time waits for the replies; realtime: nothing waits.",
-            choices=("lockstep", "realtime"),
-        )
+        mode = declare_mode(self)
         self._noise = parameter(self, "noise", 0.0, "Standard deviation of the keypoints, px.", 0.0, 50.0)
         self._seed = parameter(self, "seed", 0, "Of the noise; with a stamp it names its draw.", 0, 2**31 - 1)
         calibration = parameter(self, "calibration", "", "File written by `calibrate`; empty: the camera as trained.")

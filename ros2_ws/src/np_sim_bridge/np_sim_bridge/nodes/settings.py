@@ -9,7 +9,7 @@ from rclpy.node import Node
 from np_description.domains import Task
 from np_description.force_reflex import DEFAULT_MODE, MODES
 from np_description.objects import scenarios
-from np_ros.node import parameter
+from np_ros.node import declare_mode, parameter
 from np_ros.task_domain import declare_domain
 from np_sim_bridge.renderer import RENDERERS
 
@@ -71,13 +71,7 @@ def declare(node: Node) -> BridgeSettings:
         parameter(node, "first_episode", 0, "Number of the episode that the first reset draws.", 0, 2**31 - 1),
         parameter(node, "scenario", 0, "Fixed task of every episode; 0: tasks are drawn.", 0, scenarios.COUNT),
         parameter(node, "substeps", 1, "Physics steps in a control period of 2 ms.", 1, 20),
-        parameter(
-            node,
-            "mode",
-            "lockstep",
-            "lockstep: time waits for the replies; realtime: nothing waits.",
-            choices=("lockstep", "realtime"),
-        ),
+        declare_mode(node),
         parameter(node, "policy_rate", 10, "Policy ticks a second; a divisor of 500.", 1, 500),
         parameter(node, "image_rate", 30, "Images a second; policy ticks have one in any case.", 1, 500),
         parameter(node, "camera", True, "Whether images are drawn."),
