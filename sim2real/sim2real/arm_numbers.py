@@ -42,8 +42,8 @@ class ArmNumber:
     """What these recordings show, the nominal value included."""
 
 
-def estimate_arm_numbers(diagnosis: Diagnosis, seed: int = 0) -> list[ArmNumber]:
-    """Load, tilt and friction of the arm that was recorded; seed: of the bootstrap.
+def estimate_arm_numbers(diagnosis: Diagnosis) -> list[ArmNumber]:
+    """Load, tilt and friction of the arm that was recorded.
 
     What the motion does not excite is left out. A change between recordings has none: its reference is no nominal arm.
     """
@@ -65,7 +65,7 @@ def estimate_arm_numbers(diagnosis: Diagnosis, seed: int = 0) -> list[ArmNumber]
     found = []
     for number in (*whole_arm, *by_joint):
         candidate = candidates[number]
-        for name, change in estimate(search, model, number, seed, refined=False)[1].items():
+        for name, change in estimate(search, model, number, 0, refined=False)[1].items():
             quantity = {"mass": "load", "roll": "base_roll", "pitch": "base_pitch"}.get(name, candidate.effect.id)
             nominal = 0.0 if candidate.joint is None else float(_nominal_friction(arm, candidate))
             shown = Estimate(change.value + nominal, change.low + nominal, change.high + nominal, change.unit)

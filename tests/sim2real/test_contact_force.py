@@ -43,7 +43,7 @@ def readings(table=1.0, mass=1.0, finger=1.0, kinds=("drag", "push", "scrape"), 
     made = [("drag", n, mu * (n + weight)) for n in (1.0, 3.0, 5.0, 9.0, 14.0)]
     made += [("push", 0.0, mu * weight)] * 4 + [("scrape", 6.0, finger * 6.0)]
     return [
-        ForceReading(f"{kind}_{k}", kind, force + 0.03 * rng.standard_normal(), normal, 0.0, 0.04 + 0.01 * force)
+        ForceReading(f"{kind}_{k}", kind, force + 0.03 * rng.standard_normal(), normal, 0.04 + 0.01 * force)
         for k, (kind, normal, force) in enumerate(made)
         if kind in kinds
     ]
@@ -51,7 +51,7 @@ def readings(table=1.0, mass=1.0, finger=1.0, kinds=("drag", "push", "scrape"), 
 
 def slips(finger, pressed):
     return [
-        ForceReading(f"slip_{k}", "drag", finger * n, n, 0.0, 0.04, "drags", 0.03, follows=0.03)
+        ForceReading(f"slip_{k}", "drag", finger * n, n, 0.04, "drags", 0.03, follows=0.03)
         for k, n in enumerate(pressed)
     ]
 

@@ -45,13 +45,13 @@ def test_evidence_is_the_density_of_the_data(seed):
 def test_the_expected_factor_of_two_known_predictions_is_half_their_distance_squared():
     normal = np.array([[9.0, 0.0], [0.0, 4.0]])
     one, other = belief([0], [1.0], [1e-6]), belief([1], [2.0], [1e-6])
-    factors = _draw_log_bayes_factors(normal, np.array([0, 1]), one, other, 0)
+    factors = _draw_log_bayes_factors(normal, np.array([0, 1]), one, other)
     assert factors.mean() == pytest.approx(0.5 * (9 * 1 + 4 * 4), rel=0.15)
 
 
 def test_the_same_prediction_is_never_told_apart():
     normal = np.full((2, 2), 25.0)  # the same column twice
-    factors = _draw_log_bayes_factors(normal, np.array([0, 1]), belief([0], [1.0], [0.1]), belief([1], [1.0], [0.1]), 0)
+    factors = _draw_log_bayes_factors(normal, np.array([0, 1]), belief([0], [1.0], [0.1]), belief([1], [1.0], [0.1]))
     assert np.abs(factors).max() < 1e-6
 
 

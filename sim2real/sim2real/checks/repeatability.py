@@ -12,12 +12,6 @@ FLOOR = THRESHOLDS.floor
 CHUNK = 500
 
 
-def white_noise(values: np.ndarray) -> np.ndarray:
-    """Standard deviation (k,) of the white part of values (n, k), from third differences."""
-    # They pass white noise (with the gain sqrt 20) and hardly anything slower.
-    return 1.4826 * np.median(np.abs(np.diff(values, 3, axis=0)), axis=0) / np.sqrt(20)
-
-
 def measure_repeatability(samples: Samples, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Floor of the residual (n, k) Nm by joint: (RMSE (k,) Nm, whether it was measured (k,) bool).
 

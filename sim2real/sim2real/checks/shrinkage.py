@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim2real.checks.repeatability import measure_repeatability, white_noise
+from sim2real.checks.repeatability import measure_repeatability
 from sim2real.effects.stage import Stage
 from sim2real.inference.bootstrap import draw_counts
 from sim2real.inference.fit import predict_held_out_residual
 from sim2real.inference.search import ModelSearch, ScoredModel, fits_by_joint
+from sim2real.recordings.signals import white_noise
 from sim2real.thresholds import THRESHOLDS
 
 SHRINKAGE = THRESHOLDS.shrinkage

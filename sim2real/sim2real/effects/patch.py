@@ -7,7 +7,7 @@ of drive, joints and sensors that is stepped with the physics.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -81,11 +81,11 @@ class Patch:
         """The effects of this id."""
         return [e for e in self.effects if e.effect == effect]
 
-    def per_joint(self, effect: str, parameter: str, joints: Sequence[str] = NOMINAL.joints) -> np.ndarray:
-        """A parameter by joint (k,), 0 where the effect is not; what sits at the arm is at every joint."""
-        values = np.zeros(len(joints))
+    def per_joint(self, effect: str, parameter: str) -> np.ndarray:
+        """A parameter by joint (7,), 0 where the effect is not; what sits at the arm is at every joint."""
+        values = np.zeros(len(NOMINAL.joints))
         for e in self.of(effect):
-            rows = slice(None) if e.component == ARM else joints.index(e.component)
+            rows = slice(None) if e.component == ARM else NOMINAL.joints.index(e.component)
             values[rows] += e.get(parameter)
         return values
 
@@ -99,19 +99,19 @@ class Patch:
             armature=np.maximum(arm.armature, LEAST_ARMATURE),
         )
 
-    def list_clipped_parameters(self, nominal: PandaModel = NOMINAL) -> list[str]:
+    def list_clipped_parameters(self) -> list[str]:
         """Where the patch requests less than is physical: a line for each, with effects, joint, and what is in force."""
-        requested, effective = self._requested(nominal), self.panda(nominal)
+        requested, effective = self._requested(NOMINAL), self.panda()
         lines = []
         for name, unit in (("frictionloss", "Nm"), ("damping", "Nm s/rad"), ("armature", "kg m^2")):
             wanted, has = getattr(requested, name), getattr(effective, name)
             for j in np.flatnonzero(wanted < has):
-                joint = nominal.joints[j]
+                joint = NOMINAL.joints[j]
                 causes = [
                     e.effect
                     for e in self.arm.effects
                     if e.component in (ARM, joint)
-                    and getattr(Patch((e,))._requested(nominal), name)[j] < getattr(nominal, name)[j]
+                    and getattr(Patch((e,))._requested(NOMINAL), name)[j] < getattr(NOMINAL, name)[j]
                 ]
                 lines.append(
                     f"{', '.join(causes)} at {joint}: asks for a {name} of {wanted[j]:.4g} {unit}, in force is {has[j]:.4g}"

@@ -82,9 +82,7 @@ def candidate_experiments(joints: Sequence[int]) -> tuple[str, ...]:
     )
 
 
-def predict_powers(
-    search: ModelSearch, open_question: Ambiguity, names: Sequence[str], seed: int = 0
-) -> list[list[ExperimentPower]]:
+def predict_powers(search: ModelSearch, open_question: Ambiguity, names: Sequence[str]) -> list[list[ExperimentPower]]:
     """For each rival, the expected evidence of each experiment between it and the chosen model."""
     design, models = search.design, open_question.models
     here = [
@@ -107,7 +105,7 @@ def predict_powers(
         for number, name in enumerate(names):
             normal = _normal_matrix(cells, planned, beliefs[0].variance, ids, number)
             one, two = (
-                _draw_log_bayes_factors(normal, ids, *pair, seed) for pair in ((beliefs[0], other), (other, beliefs[0]))
+                _draw_log_bayes_factors(normal, ids, *pair) for pair in ((beliefs[0], other), (other, beliefs[0]))
             )
             found, missed = np.mean(lead + one > POWER.decisive), np.mean(two - lead > POWER.decisive)
             right = probability * found + (1 - probability) * missed
@@ -116,9 +114,7 @@ def predict_powers(
     return table
 
 
-def choose_next_experiment(
-    diagnosis: Diagnosis, question: tuple[Finding, Ambiguity] | None, seed: int = 0
-) -> dict | None:
+def choose_next_experiment(diagnosis: Diagnosis, question: tuple[Finding, Ambiguity] | None) -> dict | None:
     """What would settle a question, as in the report; None where nothing would.
 
     For another arm than the Panda, whose excitation this package does not plan: the catalogue's text.
@@ -127,7 +123,7 @@ def choose_next_experiment(
         return None
     if diagnosis.context.arm.joints != NOMINAL.joints:
         return _catalogue_experiment(question[0])
-    return _rank_experiments(diagnosis.search, question[1], seed)
+    return _rank_experiments(diagnosis.search, question[1])
 
 
 def _catalogue_experiment(finding: Finding) -> dict:
@@ -140,9 +136,9 @@ def _catalogue_experiment(finding: Finding) -> dict:
     }
 
 
-def _rank_experiments(search: ModelSearch, question: Ambiguity, seed: int) -> dict:
+def _rank_experiments(search: ModelSearch, question: Ambiguity) -> dict:
     names = candidate_experiments(question.joints)
-    table = predict_powers(search, question, names, seed)
+    table = predict_powers(search, question, names)
     text = [" + ".join(parts) for parts in question.names]
     can = [max(p.probability for p in row) >= POWER.least for row in table]
     weights = (
@@ -243,11 +239,9 @@ def _normal_matrix(cells, planned, variance, ids, number) -> np.ndarray:
     return normal
 
 
-def _draw_log_bayes_factors(
-    normal: np.ndarray, ids: np.ndarray, true: _Belief, other: _Belief, seed: int
-) -> np.ndarray:
+def _draw_log_bayes_factors(normal: np.ndarray, ids: np.ndarray, true: _Belief, other: _Belief) -> np.ndarray:
     """Log Bayes factors (draws,) nats for the true model in experiments drawn from what it predicts."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     mine = np.searchsorted(ids, true.ids)
     parameters = rng.multivariate_normal(true.mean, true.covariance, DRAWS, method="eigh")
     values, vectors = np.linalg.eigh(normal)

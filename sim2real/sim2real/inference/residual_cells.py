@@ -106,7 +106,7 @@ class ResidualCell:
         return self.test_rows >= VALIDATION.rows
 
 
-def make_blocks(context: Context, gap: float = VALIDATION.gap) -> tuple[TimeBlock, ...]:
+def make_blocks(context: Context) -> tuple[TimeBlock, ...]:
     """Contiguous stretches of one trajectory each, of about equal length.
 
     Raises ValueError where a block would not be three gaps long.
@@ -123,9 +123,9 @@ def make_blocks(context: Context, gap: float = VALIDATION.gap) -> tuple[TimeBloc
         pieces[int(np.argmax([(e - s) / n for (_, s, e), n in zip(spans, pieces)]))] += 1
     blocks = []
     for (number, start, end), n in zip(spans, pieces):
-        if (end - start) / n < VALIDATION.gaps_per_block * gap:
+        if (end - start) / n < VALIDATION.gaps_per_block * VALIDATION.gap:
             raise ValueError(
-                f"expected {VALIDATION.least} blocks of motion of at least {VALIDATION.gaps_per_block * gap:g} s, "
+                f"expected {VALIDATION.least} blocks of motion of at least {VALIDATION.gaps_per_block * VALIDATION.gap:g} s, "
                 f"{VALIDATION.shortest:g} s in all; got {total:.1f} s in {len(spans)} "
                 f"pieces: record more (excite --only sweep_7 is enough)"
             )

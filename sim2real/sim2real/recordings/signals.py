@@ -181,7 +181,7 @@ def sample_logs(logs: list[Log], commanded: bool = False) -> Samples:
     # Rows that lie closer than the grid are left out, not averaged: their noise stays.
     period = np.mean([max(np.median(np.diff(log.time)), GRID) for log in logs])
     torque, velocity = (
-        np.sqrt(np.mean([_white_noise(getattr(log, name)) ** 2 for log in logs], axis=0))
+        np.sqrt(np.mean([white_noise(getattr(log, name)) ** 2 for log in logs], axis=0))
         for name in ("torque", "velocity")
     )
     noise = torque * np.sqrt(period / (2 * np.sqrt(np.pi) * SMOOTHING))
@@ -242,9 +242,9 @@ def _smooth_held_commands(velocity: np.ndarray, torque_time: np.ndarray) -> np.n
     return smooth
 
 
-def _white_noise(values: np.ndarray) -> np.ndarray:
-    """Standard deviation (k,) of the white part of raw values (n, k)."""
-    # Third differences pass white noise (with the gain sqrt 20) and hardly any motion.
+def white_noise(values: np.ndarray) -> np.ndarray:
+    """Standard deviation (k,) of the white part of values (n, k), from third differences."""
+    # They pass white noise (with the gain sqrt 20) and hardly any motion.
     return 1.4826 * np.median(np.abs(np.diff(values, 3, axis=0)), axis=0) / np.sqrt(20)
 
 

@@ -82,7 +82,7 @@ def make_patch(diagnosis: Diagnosis) -> Patch:
     )
 
 
-def try_patch(diagnosis: Diagnosis, seed: int = 0) -> tuple[Patch, PatchTrial | None]:
+def try_patch(diagnosis: Diagnosis) -> tuple[Patch, PatchTrial | None]:
     """(the patch without what does harm, its trial in simulation): on the windows laid aside, or on all where there are none.
 
     None, and the patch as it is, for another arm, or recordings without commands.
@@ -94,7 +94,7 @@ def try_patch(diagnosis: Diagnosis, seed: int = 0) -> tuple[Patch, PatchTrial | 
     recorded = cut_windows(context.logs, spans=context.laid_aside) if context.arm.joints == NOMINAL.joints else None
     if recorded is None:
         return patch, None
-    drawn = draw_counts(len(recorded), THRESHOLDS.held_out.bootstraps, seed)
+    drawn = draw_counts(len(recorded), THRESHOLDS.held_out.bootstraps, 0)
     while True:
         fewer = [Patch(tuple(e for e in patch.effects if e is not one)) for one in patch.effects]
         nominal, whole, *without = _squares(recorded, [Patch(), patch, *fewer])

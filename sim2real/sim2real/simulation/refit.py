@@ -70,9 +70,7 @@ class Refit:
     """Number of windows that were held out."""
 
 
-def effects_to_refit(
-    diagnosis: Diagnosis, model: ScoredModel | None = None, seed: int = 0
-) -> tuple[RefittedEffect, ...]:
+def effects_to_refit(diagnosis: Diagnosis, model: ScoredModel | None = None) -> tuple[RefittedEffect, ...]:
     """The effects of the chosen model, or of another one. Joints that stay unexplained are left out."""
     joints = diagnosis.context.arm.joints
     unexplained = {joints[j] for j in diagnosis.unexplained}
@@ -86,7 +84,7 @@ def effects_to_refit(
     for m in model.members:
         place = diagnosis.design.candidates[m].component(joints)
         if place not in unexplained:
-            effect, values = estimate(diagnosis.search, model, m, seed, refined=False)
+            effect, values = estimate(diagnosis.search, model, m, 0, refined=False)
             found.append(RefittedEffect(effect.id, place, values, effect.constants))
     return tuple(found)
 
@@ -168,7 +166,7 @@ def _make_patch(parts: Sequence[RefittedEffect], names: Sequence[tuple[int, str]
     return Patch(tuple(effects))
 
 
-def refit_in_simulation(diagnosis: Diagnosis, rivals: Sequence[ScoredModel] = (), seed: int = 0) -> dict | None:
+def refit_in_simulation(diagnosis: Diagnosis, rivals: Sequence[ScoredModel] = ()) -> dict | None:
     """The chosen model and its rivals refitted, as in the report.
 
     None for another arm, for recordings without commands, or where nothing is to be refitted.
@@ -183,7 +181,7 @@ def refit_in_simulation(diagnosis: Diagnosis, rivals: Sequence[ScoredModel] = ()
     )
     found = []
     for model in (None, *rivals):
-        parts = effects_to_refit(diagnosis, model, seed)
+        parts = effects_to_refit(diagnosis, model)
         try:
             done = refit(recorded, parts, delay)
         except (

@@ -49,7 +49,7 @@ class KeypointTrack:
         return float(np.median(np.diff(self.time)))
 
 
-def read_keypoint_track(path: str | Path, least_score: float = TRACK.score) -> KeypointTrack:
+def read_keypoint_track(path: str | Path) -> KeypointTrack:
     """The keypoints of a rosbag2 recording. Raises ContractViolation."""
     from np_description.message_arrays import keypoints_array
     from np_record.bag import BagError, MissingTopics, Recording  # slow
@@ -64,7 +64,7 @@ def read_keypoint_track(path: str | Path, least_score: float = TRACK.score) -> K
         raise bag_violation(path, error) from error
     if not len(stamps):
         raise ContractViolation(f"{name}: expected keypoints, got none")
-    return KeypointTrack(name, (stamps - stamps[0]) / SECOND, found[:, :, :2], found[:, :, 2] >= least_score)
+    return KeypointTrack(name, (stamps - stamps[0]) / SECOND, found[:, :, :2], found[:, :, 2] >= TRACK.score)
 
 
 def _other_suite(information: dict) -> str:

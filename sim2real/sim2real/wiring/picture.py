@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from np_description.camera import CAMERA, Camera
+from np_description.camera import CAMERA
 from np_description.domains import Task
 from np_description.keypoints import CORNERS
 from sim2real.task.camera.flat_pose import fit_flat_pose
@@ -33,42 +33,38 @@ RING = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
 """Corners of a face one after the other, as OpenCV and CAD programs number them."""
 
 
-def find_keypoint_fault(
-    keypoints: np.ndarray, domain: Task, tip: np.ndarray | None = None, camera: Camera = CAMERA
-) -> WiringFault | None:
+def find_keypoint_fault(keypoints: np.ndarray, domain: Task, tip: np.ndarray | None = None) -> WiringFault | None:
     """Of keypoints (n, 8, 3) u px, v px, score of images of the domain's object. tip (n, 3) m: the tool point while they were taken."""
     if len(keypoints) < WIRING.least_images:
         return None
     seldom = slice(None, None, -(-len(keypoints) // WIRING.images))
 
     def misfit(changed: np.ndarray) -> float:
-        shape = _misfit(changed[seldom], domain, camera) / WIRING.corner_error
-        return max(shape, _hand_distance(changed, domain, tip, camera) / WIRING.hand_distance)
+        shape = _misfit(changed[seldom], domain) / WIRING.corner_error
+        return max(shape, _hand_distance(changed, domain, tip) / WIRING.hand_distance)
 
     before = misfit(keypoints)
     if before * WIRING.corner_error <= WIRING.least_corner_error:
         return None
-    found = [(misfit(undo(keypoints)), fault) for undo, fault in _candidates(camera)]
+    found = [(misfit(undo(keypoints)), fault) for undo, fault in _candidates()]
     nearest, fault = min(found, key=lambda pair: pair[0])
     return fault if nearest < min(1.0, before / WIRING.clearly) else None
 
 
-def find_image_fault(
-    images: np.ndarray, domain: Task, weights: str = "", camera: Camera = CAMERA
-) -> WiringFault | None:
+def find_image_fault(images: np.ndarray, domain: Task) -> WiringFault | None:
     """Of images (n, height, width, 3) as they were recorded for RGB: by what the released detector finds in them, and in them changed.
 
     Raises WeightsError where the domain has no detector.
     """
     from np_perception.detector import KeypointDetector  # slow, and needs onnxruntime
 
-    detector = KeypointDetector(domain, weights)
+    detector = KeypointDetector(domain)
     images = images[:: -(-len(images) // WIRING.detected)]
 
     def quality(change: Callable[[np.ndarray], np.ndarray]) -> tuple[float, float]:
         """(misfit px, mean score) of changed images."""
         found = np.array([detector.detect(np.ascontiguousarray(change(image))).keypoints for image in images])
-        return _misfit(found, domain, camera), float(found[:, :, 2].mean())
+        return _misfit(found, domain), float(found[:, :, 2].mean())
 
     off, score = quality(lambda image: image)
     if off <= WIRING.least_corner_error:
@@ -83,27 +79,27 @@ def find_image_fault(
     return _colour_fault() if name == "colours" else _picture_fault("camera/image_raw", name)
 
 
-def _misfit(keypoints: np.ndarray, domain: Task, camera: Camera) -> float:
+def _misfit(keypoints: np.ndarray, domain: Task) -> float:
     """Median over images of the error px of corners, of the pose at rest that explains them best."""
     off = []
     for image in keypoints:
         error = np.where(image[:, 2] >= SCORE, 1.0, np.inf)
         if np.isfinite(error).sum() >= WIRING.corners:
-            off.append(fit_flat_pose(RestPose("", image[:, :2], error, domain), camera).off)
+            off.append(fit_flat_pose(RestPose("", image[:, :2], error, domain), CAMERA).off)
     return float(np.median(off)) if len(off) > len(keypoints) / 4 else np.inf
 
 
-def _hand_distance(keypoints: np.ndarray, domain: Task, tip: np.ndarray | None, camera: Camera) -> float:
+def _hand_distance(keypoints: np.ndarray, domain: Task, tip: np.ndarray | None) -> float:
     """Median distance m, along the table, of the tool point from an object that moves, beyond the object's reach; 0 where it does not move."""
     if tip is None:
         return 0.0
     usable = np.where(keypoints[:, :, 2:] >= SCORE, keypoints[:, :, :2], np.nan)
     known = np.isfinite(usable[..., 0]).sum(axis=1) >= WIRING.corners
-    rays = camera.rays(np.nanmedian(usable[known], axis=1)) if known.any() else np.zeros((0, 3))
+    rays = CAMERA.rays(np.nanmedian(usable[known], axis=1)) if known.any() else np.zeros((0, 3))
     if len(rays) < 2 * STEP + 1 or not (rays[:, 2] < 0).all():
         return 0.0 if not len(rays) else np.inf
     half = np.asarray(domain.half_size)
-    centre = camera.at_height(rays, float(half.min()))
+    centre = CAMERA.at_height(rays, float(half.min()))
     moves = np.linalg.norm(centre[2 * STEP :] - centre[: -2 * STEP], axis=1) > MOVED
     if moves.sum() < WIRING.least_images:
         return 0.0
@@ -111,10 +107,10 @@ def _hand_distance(keypoints: np.ndarray, domain: Task, tip: np.ndarray | None, 
     return max(0.0, float(np.median(away)) - float(np.hypot(*np.sort(half)[1:])))
 
 
-def _candidates(camera: Camera) -> Iterator[tuple[Callable[[np.ndarray], np.ndarray], WiringFault]]:
+def _candidates() -> Iterator[tuple[Callable[[np.ndarray], np.ndarray], WiringFault]]:
     """What undoes a wrong convention of keypoints (n, 8, 3), and the fault."""
     for name, (turns, is_mirrored) in PICTURES.items():
-        yield lambda k, t=turns, m=is_mirrored: _undo_pixels(k, t, m, camera), _picture_fault("keypoints", name)
+        yield lambda k, t=turns, m=is_mirrored: _undo_pixels(k, t, m), _picture_fault("keypoints", name)
     for text, order in corner_orders().items():
         position = np.argsort(order)
         yield (
@@ -152,10 +148,10 @@ def corner_orders() -> dict[str, np.ndarray]:
     return orders
 
 
-def _undo_pixels(keypoints: np.ndarray, turns: int, is_mirrored: bool, camera: Camera) -> np.ndarray:
+def _undo_pixels(keypoints: np.ndarray, turns: int, is_mirrored: bool) -> np.ndarray:
     """Keypoints of the picture before it was mirrored and turned; it is square."""
     u, v, score = np.moveaxis(keypoints, -1, 0)
-    last = camera.width - 1
+    last = CAMERA.width - 1
     for _ in range(turns):  # a pixel that is at (u, v) now was at (last - v, u) a quarter turn ago
         u, v = last - v, u
     return np.stack([last - u if is_mirrored else u, v, score], axis=-1)

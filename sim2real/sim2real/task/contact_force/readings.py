@@ -39,8 +39,6 @@ class ForceReading:
     """Force N along the table against the motion (drag, push), or up the face (scrape)."""
     normal: float
     """Normal force N between the surfaces, besides the weight."""
-    aside: float
-    """Distance m of a push from the object's centre."""
     deviation: float
     """Standard deviation N of the force, from scatter and joint friction."""
     group: str = ""
@@ -90,9 +88,7 @@ def _drags(recording: TaskRecording, panda: PandaModel, camera: Camera) -> Itera
                 follows, place = _measure_following(recording, moved, stroke, camera)
                 error = _error(along)
                 ahead = tuple(sign * float(n == axis) for n in range(2))
-                yield ForceReading(
-                    name, "drag", force, pressed, 0.0, error, "drags", FORCE.force, follows, ahead, place
-                )
+                yield ForceReading(name, "drag", force, pressed, error, "drags", FORCE.force, follows, ahead, place)
 
 
 def _measure_following(
@@ -159,9 +155,7 @@ def _push(recording: TaskRecording, name: str, panda: PandaModel, camera: Camera
     halfway = centre[:2] + ahead[:2] * SLOW.travel / 2
     place = float(halfway[0]), float(halfway[1])
     return [
-        ForceReading(
-            name, "push", force, normal, aside, float(deviation), group, normal_deviation, way=direction, place=place
-        )
+        ForceReading(name, "push", force, normal, float(deviation), group, normal_deviation, way=direction, place=place)
     ]
 
 
@@ -193,9 +187,7 @@ def _scrape(recording: TaskRecording, name: str, panda: PandaModel) -> list[Forc
     rows = max(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1), key=len)
     if len(rows) < FORCE.rows:
         return []
-    return [
-        ForceReading(name, "scrape", float(upward[rows].mean()), float(held[rows].mean()), 0.0, _error(upward[rows]))
-    ]
+    return [ForceReading(name, "scrape", float(upward[rows].mean()), float(held[rows].mean()), _error(upward[rows]))]
 
 
 def _chatters(moved: ArmMotion, rows: np.ndarray) -> bool:

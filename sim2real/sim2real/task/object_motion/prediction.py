@@ -43,7 +43,6 @@ def prediction_errors(
     patch: Patch,
     camera: Camera = CAMERA,
     panda: PandaModel = NOMINAL,
-    rougher: Sequence[float] = MOTION.rougher,
 ) -> np.ndarray:
     """px (n,) of all windows of recordings of one object, NaN of those that cannot be predicted.
 
@@ -51,7 +50,7 @@ def prediction_errors(
     less of it decides where the object goes, and one draw is no evidence on the patch.
     """
     windows = [window for one in recordings for window in find_windows(one)]
-    simulators = (WindowSimulator(recordings[0].domain, patch, camera, panda, more) for more in rougher)
+    simulators = (WindowSimulator(recordings[0].domain, patch, camera, panda, more) for more in MOTION.rougher)
     return np.mean([[_error(simulated, window) for window in windows] for simulated in simulators], axis=0)
 
 
