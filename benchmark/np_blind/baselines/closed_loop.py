@@ -139,7 +139,7 @@ class Replay:
     """
 
     def __init__(self, plant: ArmPlant, recorded: list[Stretch], threads: int = 0):
-        self.plant, self.stretches, self._threads = plant, recorded, threads
+        self.plant, self._threads = plant, threads
         step, count = plant.model.opt.timestep, plant.model.nv
         for stretch_ in recorded:
             if stretch_.position.shape[1] != count or abs(stretch_.period - step) > 1e-3 * step:

@@ -90,7 +90,8 @@ def _fault(effect: str):
     return register
 
 
-def _sign(rng: np.random.Generator) -> float:
+def draw_sign(rng: np.random.Generator) -> float:
+    """-1 or 1, with equal odds."""
     return float(rng.choice([-1.0, 1.0]))
 
 
@@ -109,7 +110,7 @@ def _coulomb(p, i, j, size, rng):
 
 @_fault("asymmetric_coulomb_friction")
 def _asymmetric_coulomb(p, i, j, size, rng):
-    sign, base = _sign(rng), p.coulomb_forward[i, j]
+    sign, base = draw_sign(rng), p.coulomb_forward[i, j]
     middle = max(rng.uniform(-0.3, 0.5) * size, size - 0.8 * base)
     forward, backward = middle + sign * size, middle - sign * size
     p.coulomb_forward[i, j] += forward
@@ -127,7 +128,7 @@ def _viscous(p, i, j, size, rng):
 
 @_fault("asymmetric_viscous_friction")
 def _asymmetric_viscous(p, i, j, size, rng):
-    sign, base = _sign(rng), p.viscous_forward[i, j]
+    sign, base = draw_sign(rng), p.viscous_forward[i, j]
     middle = max(rng.uniform(-0.3, 0.5) * size, size - base)
     forward, backward = middle + sign * size, middle - sign * size
     p.viscous_forward[i, j] += forward
@@ -182,7 +183,7 @@ def _elasticity(p, i, j, size, rng):
 
 @_fault("torque_scale")
 def _scale(p, i, j, size, rng):
-    p.torque_scale[i, j] = _sign(rng) * size
+    p.torque_scale[i, j] = draw_sign(rng) * size
     return {"scale": (p.torque_scale[i, j], "1")}
 
 
@@ -192,27 +193,27 @@ def _gain(relative: float, gain: float, unit: str) -> Parameters:
 
 @_fault("stiffness_gain_error")
 def _stiffness_gain(p, i, j, size, rng):
-    p.stiffness_factor[i, j] = 1.0 + _sign(rng) * size
+    p.stiffness_factor[i, j] = 1.0 + draw_sign(rng) * size
     return _gain(p.stiffness_factor[i, j] - 1.0, STIFFNESS_MAX[j], "Nm/rad")
 
 
 @_fault("damping_gain_error")
 def _damping_gain(p, i, j, size, rng):
-    p.damping_factor[i, j] = 1.0 + _sign(rng) * size
+    p.damping_factor[i, j] = 1.0 + draw_sign(rng) * size
     return _gain(p.damping_factor[i, j] - 1.0, np.sqrt(STIFFNESS_MAX[j]), "Nms/rad")
 
 
 @_fault("torque_offset")
 def _offset(p, i, j, size, rng):
-    offset = _sign(rng) * size
+    offset = draw_sign(rng) * size
     p.offset[i, j] = -offset  # of the drive: it adds to the command, as in a patch and on the sim bridge
     return {"offset": (offset, "Nm")}
 
 
 @_fault("torque_sensor_error")
 def _sensor(p, i, j, size, rng):
-    p.sensor_bias[i, j] = _sign(rng) * size
-    p.sensor_scale[i, j] = _sign(rng) * rng.uniform(0.0, 0.02)
+    p.sensor_bias[i, j] = draw_sign(rng) * size
+    p.sensor_scale[i, j] = draw_sign(rng) * rng.uniform(0.0, 0.02)
     return {"offset": (p.sensor_bias[i, j], "Nm"), "gain": (p.sensor_scale[i, j], "1")}
 
 
@@ -277,13 +278,13 @@ def _armature(p, i, j, size, rng):
 
 @_fault("gravity_compensation_error")
 def _gravity(p, i, j, size, rng):
-    p.gravity_scale[i] = _sign(rng) * size
+    p.gravity_scale[i] = draw_sign(rng) * size
     return {"scale": (float(p.gravity_scale[i, 0]), "1")}
 
 
 @_fault("encoder_bias")
 def _bias(p, i, j, size, rng):
-    p.encoder_bias[i, j] = _sign(rng) * size
+    p.encoder_bias[i, j] = draw_sign(rng) * size
     return {"bias": (p.encoder_bias[i, j], "rad")}
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from sim2real.excitation.suite import READY
 
 from np_blind.arm.plant.physics import Physics
-from np_blind.arm.sampling.faults import Parameters
+from np_blind.arm.sampling.faults import Parameters, draw_sign
 from np_blind.arm.sampling.unknown_fault_kinds import LOAD
 from np_control.impedance import STIFFNESS_MAX
 from np_description.panda import NOMINAL
@@ -18,10 +18,6 @@ from np_description.panda import NOMINAL
 SPEED = 0.3  # rad/s, of a joint in motion
 SWING = np.array([2.2, 1.9, 2.1, 1.3, 0.6, 0.4, 0.3])  # Nm, RMS of the suite's commanded torque without gravity
 DAMPING = 2.0 * np.sqrt(STIFFNESS_MAX)  # Nms/rad, of the controller
-
-
-def _sign(rng: np.random.Generator) -> float:
-    return float(rng.choice([-1.0, 1.0]))
 
 
 def _neighbour(j: int, rng: np.random.Generator) -> int:
@@ -37,7 +33,7 @@ def _snap(p: Physics, i: int, j: int, size: float, rng: np.random.Generator) -> 
 
 def _lopsided(p, i, j, size, rng):
     """A half-bridge with one weak side: the drive gives more one way than the other."""
-    p.lopsided[i, j] = _sign(rng) * min(1.5 * size / LOAD[j], 0.5)
+    p.lopsided[i, j] = draw_sign(rng) * min(1.5 * size / LOAD[j], 0.5)
     return {"share": (p.lopsided[i, j], "1")}
 
 
@@ -52,14 +48,14 @@ def _coupled_rotors(p, i, j, size, rng):
     """A gear that two joints share: the rotor of one turns with the other, whose motion it resists."""
     other = j - 1
     most = 0.8 * np.sqrt(NOMINAL.armature[j] * NOMINAL.armature[other])
-    p.rotor_coupling[i, j, other] = p.rotor_coupling[i, other, j] = _sign(rng) * min(0.6 * size, most)
+    p.rotor_coupling[i, j, other] = p.rotor_coupling[i, other, j] = draw_sign(rng) * min(0.6 * size, most)
     return {"inertia": (p.rotor_coupling[i, j, other], "kg m^2"), "other_joint": (other + 1.0, "1")}
 
 
 def _crosstalk(p, i, j, size, rng):
     """Wires side by side: a share of a neighbouring drive's command is given here too."""
     other = _neighbour(j, rng)
-    p.crosstalk[i, j, other] = _sign(rng) * min(2.0 * size / LOAD[other], 0.4)
+    p.crosstalk[i, j, other] = draw_sign(rng) * min(2.0 * size / LOAD[other], 0.4)
     return {"share": (p.crosstalk[i, j, other], "1"), "other_joint": (other + 1.0, "1")}
 
 
@@ -95,7 +91,7 @@ def _converter(p, i, j, size, rng):
 
 def _tachometer(p, i, j, size, rng):
     """A speed that is shown too large or too small, though the angle is right."""
-    p.tachometer[i, j] = _sign(rng) * 3.0 * size / (DAMPING[j] * SPEED)
+    p.tachometer[i, j] = draw_sign(rng) * 3.0 * size / (DAMPING[j] * SPEED)
     return {"share": (p.tachometer[i, j], "1")}
 
 

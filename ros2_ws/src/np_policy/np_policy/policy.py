@@ -118,9 +118,8 @@ class PreContactPolicy:
 
 
 RETREAT_HEIGHT = 0.25  # m, of T_E: above what an upright hand hides from the nominal camera
-RETREAT_ACTION = np.eye(action.SIZE)[
-    2
-]  # as fast as the residual's limit lets the hand rise, gains in the middle of their ranges
+RETREAT_ACTION = np.eye(action.SIZE)[2]
+"""As fast as the residual's limit lets the hand rise, gains in the middle of their ranges."""
 
 
 class PostContactPolicy:
