@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from sim2real.simulation.simulated_arm import compile_arm, panda_spec
 
-from np_description.panda import NOMINAL, PandaModel
+from np_description.panda import NOMINAL
 
 FLOATING_MASS = 1e-6  # kg, of the bodies that carry a gravity compensation and nothing else
 
@@ -43,9 +43,9 @@ class ArmPlant:
         }
 
 
-def panda_plant(panda: PandaModel = NOMINAL, timestep: float = 0.002) -> ArmPlant:
+def panda_plant(timestep: float = 0.002) -> ArmPlant:
     """The nominal simulator's Panda with its hand."""
-    return make_plant(panda_spec(panda, timestep), {"frictionloss": 3.0, "damping": 8.0, "armature": 0.6})
+    return make_plant(panda_spec(NOMINAL, timestep), {"frictionloss": 3.0, "damping": 8.0, "armature": 0.6})
 
 
 def load_plant(path: str | Path) -> ArmPlant:

@@ -62,12 +62,12 @@ def read_bags(paths: Sequence[Path]) -> Iterator[Subject]:
         yield Subject(load_log(path), streams)
 
 
-def _render(domain, seed: int, count: int = 3) -> np.ndarray:
+def _render(domain, seed: int) -> np.ndarray:
     from np_sim_bridge.renderer import make_renderer
     from np_sim_bridge.simulation import Simulation
 
     images = []
-    for number in range(count):
+    for number in range(3):
         simulation = Simulation(domain, seed=seed + number)
         renderer = make_renderer("auto", simulation.model, shadows=False)
         images.append(renderer.render(simulation.configuration()))

@@ -129,8 +129,9 @@ def _blur_sigma(count: int, generator: torch.Generator, config: Augmentation) ->
     return chosen * config.blur * torch.rand(count, generator=generator, device=generator.device)
 
 
-def gaussian_blur(images: Tensor, sigma: Tensor, radius: int = 3) -> Tensor:
+def gaussian_blur(images: Tensor, sigma: Tensor) -> Tensor:
     """Images (n, c, h, w) blurred by sigma (n,) px each; sigma 0 changes nothing."""
+    radius = 3  # px
     offset = torch.arange(-radius, radius + 1, device=images.device, dtype=images.dtype)
     kernel = torch.exp(-0.5 * (offset / sigma.clamp(min=1e-3)[:, None]) ** 2)
     kernel = kernel / kernel.sum(dim=1, keepdim=True)

@@ -76,7 +76,6 @@ class SceneRenderer:
         domain: Task,
         worlds: int,
         device: str,
-        look: Randomisation = Randomisation(),
         edges: tuple[float, float] | None = None,
     ) -> None:
         self.domain, self.worlds, self.device = domain, worlds, torch.device(device)
@@ -84,7 +83,7 @@ class SceneRenderer:
         model = load_model(domain)
         self.blocks = corner_blocks(model)
         self.table = model.geom("table").id
-        self.looks = Looks(model, look, self.device)
+        self.looks = Looks(model, Randomisation(), self.device)
         self._shapes = Shapes(domain, model, self.device, edges) if edges else None
         batched = (*Looks.fields, *(Shapes.fields if edges else ()))
         self._wp_device = wp.get_device(device)

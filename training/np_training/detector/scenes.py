@@ -87,14 +87,14 @@ def sample_states(domain: Task, count: int, generator: torch.Generator, config: 
     return torch.cat([q, fingers.clamp(0, FINGER_MAX), position, objects.quaternion], dim=-1)
 
 
-def sample_contacts(domain: Task, objects: Poses, generator: torch.Generator, config: SceneConfig, tries: int = 5):
-    """A contact of the pre-contact policy's kind on each object, feasible if one of `tries` random ones
+def sample_contacts(domain: Task, objects: Poses, generator: torch.Generator, config: SceneConfig):
+    """A contact of the pre-contact policy's kind on each object, feasible if one of five random ones
     is."""
     count = len(objects.position)
     up = matrix_from_quaternion(objects.quaternion)[:, 2]  # in the object's frame
     face = functional.one_hot(up.abs().argmax(dim=1), 3) * up.sign()
     best = None
-    for _ in range(tries):
+    for _ in range(5):
         action = 2 * torch.rand(count, contact.SIZE, generator=generator, device=generator.device) - 1
         closed = torch.rand(count, generator=generator, device=generator.device) < config.closed
         action[:, 3] = torch.where(closed, -torch.ones_like(action[:, 3]), action[:, 3])

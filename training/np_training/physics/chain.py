@@ -12,11 +12,10 @@ from typing import Any
 import warp as wp
 
 from np_common.rotations import xyzw_from_wxyz
-from np_description.panda import NOMINAL, PandaModel
+from np_description.panda import NOMINAL
 
 wp.set_module_options({"max_unroll": 1, "enable_backward": False})
 
-mat7 = wp.types.matrix(shape=(7, 7), dtype=float)
 mat6 = wp.types.matrix(shape=(6, 6), dtype=float)
 mat67 = wp.types.matrix(shape=(6, 7), dtype=float)
 vec7 = wp.types.vector(length=7, dtype=float)
@@ -34,14 +33,14 @@ class KinematicChain:
 
 
 @cache
-def make_chain(device: str, panda: PandaModel = NOMINAL) -> KinematicChain:
+def make_chain(device: str) -> KinematicChain:
     """The arm for kernels on a device."""
-    frames = [*panda.joint_frames, panda.frames["link7_hand"], panda.frames["hand_tcp"]]
+    frames = [*NOMINAL.joint_frames, NOMINAL.frames["link7_hand"], NOMINAL.frames["hand_tcp"]]
     chain = KinematicChain()
     chain.position = wp.array([f.position for f in frames], dtype=wp.vec3, device=device)
     chain.rotation = wp.array([xyzw_from_wxyz(f.quaternion) for f in frames], dtype=wp.quat, device=device)
-    chain.position_lower = vec7(*map(float, panda.position_lower))
-    chain.position_upper = vec7(*map(float, panda.position_upper))
+    chain.position_lower = vec7(*map(float, NOMINAL.position_lower))
+    chain.position_upper = vec7(*map(float, NOMINAL.position_upper))
     return chain
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_common.rotations import matrix_from_quaternion
-from np_description.panda import NOMINAL, Frame, PandaModel
+from np_description.panda import NOMINAL, Frame
 
 JOINTS = 7
 GRAVITY = 9.81
@@ -67,19 +67,19 @@ class HingedArm:
         return self.links.take([0] * arms)
 
 
-def nominal_inertials(arms: int, panda: PandaModel = NOMINAL) -> Inertials:
+def nominal_inertials(arms: int) -> Inertials:
     """The nominal arm, `arms` times."""
     mass, com, inertia = np.zeros(JOINTS), np.zeros((JOINTS, 3)), np.zeros((JOINTS, 3, 3))
     for i in range(JOINTS):
-        body = panda.inertials[f"link{i + 1}"]
+        body = NOMINAL.inertials[f"link{i + 1}"]
         mass[i], com[i], inertia[i] = body.mass, body.com, _matrix(body.inertia)
-    rotation, position = _frame(panda, "link7_hand")
+    rotation, position = _frame("link7_hand")
     bodies = [("hand", rotation, position)]
     for name in ("hand_finger1", "hand_finger2"):
-        turn, shift = _frame(panda, name)
+        turn, shift = _frame(name)
         bodies.append(("finger", rotation @ turn, position + rotation @ shift))
     for name, turn, shift in bodies:
-        body = panda.inertials[name]
+        body = NOMINAL.inertials[name]
         at = shift + turn @ body.com
         total = mass[6] + body.mass
         inertia[6] += turn @ _matrix(body.inertia) @ turn.T
@@ -95,10 +95,10 @@ def gravity_of(arms: int) -> np.ndarray:
     return np.tile([0.0, 0.0, -GRAVITY], (arms, 1))
 
 
-def tcp_in_link7(panda: PandaModel = NOMINAL) -> np.ndarray:
+def tcp_in_link7() -> np.ndarray:
     """T_E (3,) m in the frame of the last link."""
-    rotation, position = _frame(panda, "link7_hand")
-    return position + rotation @ panda.frames["hand_tcp"].position
+    rotation, position = _frame("link7_hand")
+    return position + rotation @ NOMINAL.frames["hand_tcp"].position
 
 
 class RigidArms:
@@ -216,8 +216,8 @@ def _matrix(six: np.ndarray) -> np.ndarray:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def _frame(panda: PandaModel, name: str) -> tuple[np.ndarray, np.ndarray]:
-    frame = panda.frames[name]
+def _frame(name: str) -> tuple[np.ndarray, np.ndarray]:
+    frame = NOMINAL.frames[name]
     return matrix_from_quaternion(frame.quaternion), frame.position
 
 

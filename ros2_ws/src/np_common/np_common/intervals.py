@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 
-def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Score interval of a binomial proportion (Wilson, JASA 1927); (0, 1) for no trials.
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """95 % score interval of a binomial proportion (Wilson, JASA 1927); (0, 1) for no trials.
 
     Raises ValueError unless 0 <= successes <= trials.
     """
@@ -14,5 +14,5 @@ def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tu
         return 0.0, 1.0
     from scipy.stats import binomtest  # a second to import, which a command that counts nothing does not spend
 
-    found = binomtest(successes, trials).proportion_ci(confidence, method="wilson")
+    found = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
     return float(found.low), float(found.high)

@@ -258,8 +258,8 @@ def load_calibrated_view(path: str) -> tuple[Camera, np.ndarray | None]:
     return found.camera, found.covariance
 
 
-def norm_bound(covariance: np.ndarray, dof: float = np.inf, share: float = 0.95) -> float:
-    """Bound on the length of an error (n,) with covariance (n, n), at probability `share`.
+def norm_bound(covariance: np.ndarray, dof: float = np.inf) -> float:
+    """Bound on the length of an error (n,) with covariance (n, n), at probability 0.95.
 
     Student's t with `dof` degrees of freedom, normal where infinite; by 40,000 draws that are always the
     same.
@@ -270,7 +270,7 @@ def norm_bound(covariance: np.ndarray, dof: float = np.inf, share: float = 0.95)
     draws = rng.standard_normal((40_000, len(covariance))) * np.sqrt(np.maximum(values, 0))
     if np.isfinite(dof):
         draws = draws / np.sqrt(rng.chisquare(dof, len(draws)) / dof)[:, None]
-    return float(np.quantile(np.linalg.norm(draws, axis=1), share))
+    return float(np.quantile(np.linalg.norm(draws, axis=1), 0.95))
 
 
 def _date(value) -> datetime:

@@ -77,9 +77,9 @@ def hand_wrench(torque, jacobian, damping: float = WRENCH_DAMPING):
     return np.linalg.solve(normal, right)[..., 0] if xp is np else xp.linalg.solve_ex(normal, right)[0][..., 0]
 
 
-def filter_step(filtered, raw, dt: float, reflex: ForceReflex = FORCE_REFLEX):
+def filter_step(filtered, raw, dt: float):
     """Next value of the first-order low-pass filter, for a raw value that is constant over dt s. Any shape."""
-    return filtered + (1.0 - exp(-dt / reflex.time_constant)) * (raw - filtered)
+    return filtered + (1.0 - exp(-dt / FORCE_REFLEX.time_constant)) * (raw - filtered)
 
 
 def threshold_share(torque, wrench, reflex: ForceReflex = FORCE_REFLEX):

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_common.rotations import namespace, six_from_matrix
-from np_description.camera import CAMERA, Camera
+from np_description.camera import CAMERA
 from np_description.panda import FINGER_MAX, NOMINAL
 
 POST_SIZE = 9 + 9 + 16 + 16 + 9 + 20
@@ -62,6 +62,6 @@ def student_observation(keypoints, goal_keypoints):
     return xp.concatenate([pixels, (goal - pixels) * GOAL_GAIN], axis=-1)
 
 
-def normalise_keypoints(points, camera: Camera = CAMERA):
+def normalise_keypoints(points):
     """Normalised image coordinates (..., 8, 2) of corners (..., 8, 3) m in the base frame."""
-    return camera.normalise(camera.project(points)[0])
+    return CAMERA.normalise(CAMERA.project(points)[0])

@@ -20,7 +20,6 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
-from rosbags.typesys.store import Typestore
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
 
@@ -70,7 +69,7 @@ def deserialize(data: bytes, message_type: str):
     try:
         return TYPESTORE.deserialize_cdr(data, message_type)
     except SerdeError:
-        end = _message(message_type, TYPESTORE)(bytearray(data), _ORIGIN)
+        end = _message(message_type)(bytearray(data), _ORIGIN)
         if end >= len(data):
             raise
         return TYPESTORE.deserialize_cdr(data[:end], message_type)
@@ -86,7 +85,7 @@ def serialize(message) -> bytes:
     return TYPESTORE.serialize_cdr(message, message.__msgtype__)
 
 
-def layout(message_type: str, data: bytes, typestore: Typestore = TYPESTORE) -> np.dtype:
+def layout(message_type: str, data: bytes) -> np.dtype:
     """A dtype that reads and writes messages whose fields have the lengths that they have in `data`.
 
     For a stamped type it has the fields stamp.sec and stamp.nanosec. Each sequence of numbers in the message itself
@@ -95,8 +94,8 @@ def layout(message_type: str, data: bytes, typestore: Typestore = TYPESTORE) -> 
     """
     names, formats, offsets = ["stamp.sec", "stamp.nanosec"], ["<i4", "<u4"], [STAMP.start, STAMP.start + 4]
     walked, position = bytearray(data), _ORIGIN
-    for name, (kind, detail) in typestore.fielddefs[message_type][1]:
-        begin, position = position, _field((kind, detail), typestore)(walked, position)
+    for name, (kind, detail) in TYPESTORE.fielddefs[message_type][1]:
+        begin, position = position, _field((kind, detail))(walked, position)
         if kind != Nodetype.SEQUENCE or detail[0][0] != Nodetype.BASE or detail[0][1][0] == "string":
             continue
         begin = _align(walked, begin, 4)
@@ -107,11 +106,11 @@ def layout(message_type: str, data: bytes, typestore: Typestore = TYPESTORE) -> 
     return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(data)})
 
 
-def meaningful_bytes(message_type: str, data: bytes, typestore: Typestore = TYPESTORE) -> np.ndarray:
+def meaningful_bytes(message_type: str, data: bytes) -> np.ndarray:
     """Which bytes (n,) bool of a serialized message are not padding. Expects little-endian bytes that can be deserialized."""
     walked = _Touched(data)
     walked.touched = np.zeros(len(data), bool)
-    end = _message(message_type, typestore)(walked, _ORIGIN)
+    end = _message(message_type)(walked, _ORIGIN)
     walked.touched[end:] = True
     return ~walked.touched
 
@@ -126,12 +125,12 @@ class _Touched(bytearray):
             self.touched[place] = True
 
 
-def padding_filter(message_type: str, typestore: Typestore = TYPESTORE) -> Callable[[bytes], bytes]:
+def padding_filter(message_type: str) -> Callable[[bytes], bytes]:
     """A function from a serialized message of this type to the same message with zero padding.
 
     The function raises ValueError for data that ends before the message does.
     """
-    walk = _message(message_type, typestore)
+    walk = _message(message_type)
 
     def filtered(data: bytes) -> bytes:
         result = bytearray(data)
@@ -169,8 +168,8 @@ def _primitives(size: int, count: int) -> Walk:
     return walk
 
 
-def _message(message_type: str, typestore: Typestore) -> Walk:
-    steps = [_field(description, typestore) for _, description in typestore.fielddefs[message_type][1]]
+def _message(message_type: str) -> Walk:
+    steps = [_field(description) for _, description in TYPESTORE.fielddefs[message_type][1]]
 
     def walk(data: bytearray, position: int) -> int:
         for step in steps:
@@ -180,22 +179,22 @@ def _message(message_type: str, typestore: Typestore) -> Walk:
     return walk
 
 
-def _field(description, typestore: Typestore) -> Walk:
+def _field(description) -> Walk:
     kind, detail = description
     if kind == Nodetype.BASE:
         return _string if detail[0] == "string" else _primitives(_SIZES[detail[0]], 1)
     if kind == Nodetype.NAME:
-        return _message(detail, typestore)
+        return _message(detail)
     inner, count = detail
     if kind == Nodetype.ARRAY:
-        return _repeated(inner, count, typestore)
-    return _sequence(inner, typestore)
+        return _repeated(inner, count)
+    return _sequence(inner)
 
 
-def _repeated(inner, count: int, typestore: Typestore) -> Walk:
+def _repeated(inner, count: int) -> Walk:
     if inner[0] == Nodetype.BASE and inner[1][0] != "string":
         return _primitives(_SIZES[inner[1][0]], count)
-    element = _field(inner, typestore)
+    element = _field(inner)
 
     def walk(data: bytearray, position: int) -> int:
         for _ in range(count):
@@ -205,9 +204,9 @@ def _repeated(inner, count: int, typestore: Typestore) -> Walk:
     return walk
 
 
-def _sequence(inner, typestore: Typestore) -> Walk:
+def _sequence(inner) -> Walk:
     size = _SIZES.get(inner[1][0]) if inner[0] == Nodetype.BASE else None
-    element = None if size else _field(inner, typestore)
+    element = None if size else _field(inner)
 
     def walk(data: bytearray, position: int) -> int:
         position = _align(data, position, 4)

@@ -80,9 +80,9 @@ def robot_bodies(model: mujoco.MjModel) -> list[str]:
     return [name for name in names if name not in (WORLD, OBJECT)]
 
 
-def urdf(model: mujoco.MjModel | None = None) -> str:
-    """The robot of a compiled scene as URDF; the nominal one's unless given. URDF has no fields for contact and joint dynamics."""
-    model = load_model(CARD) if model is None else model
+def urdf() -> str:
+    """The nominal robot as URDF. URDF has no fields for contact and joint dynamics."""
+    model = load_model(CARD)
     robot = Element("robot", name="panda")
     drawn = visual_shapes(model)
     for name in robot_bodies(model):

@@ -72,7 +72,7 @@ def in_process_figures(domain: Task, weights: str) -> dict[str, object]:
     return figures
 
 
-def renderer_figures(domain: Task, repeats: int = 30) -> dict[str, object]:
+def renderer_figures(domain: Task) -> dict[str, object]:
     """One image by each way of drawing; they are each other's peers. None where a way does not work here."""
     from np_sim_bridge.renderer import egl_works, make_renderer
 
@@ -84,7 +84,7 @@ def renderer_figures(domain: Task, repeats: int = 30) -> dict[str, object]:
             figures[kind] = None
             continue
         renderer = make_renderer(kind, model)
-        figures[kind] = milliseconds(lambda: renderer.render(configuration), repeats)
+        figures[kind] = milliseconds(lambda: renderer.render(configuration), 30)
         renderer.close()
     return figures
 

@@ -52,11 +52,11 @@ def hand_mount(board: Board) -> Mount:
     return Mount(np.array([0.0, 0.0, 0.11]) - rotation @ _middle(board), rotation)
 
 
-def table_mount(board: Board, yaw: float = 0.2, height: float = 0.001) -> Mount:
+def table_mount(board: Board, height: float = 0.001) -> Mount:
     """A board that lies in the middle of the workspace, its upper side `height` m over the table."""
     # x to the left, y away from the base, z down
     flat = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    rotation = matrix_from_vector(np.array([0.0, 0.0, yaw])) @ flat
+    rotation = matrix_from_vector(np.array([0.0, 0.0, 0.2])) @ flat
     return Mount(np.array([0.5, 0.0, height]) - rotation @ _middle(board), rotation)
 
 

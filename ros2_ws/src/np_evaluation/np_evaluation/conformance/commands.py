@@ -69,11 +69,9 @@ def stay(state: JointState, **changes) -> JointState:
     )
 
 
-def pushing(torque: float, joint: int = 6) -> Callable[[JointState], JointState]:
-    """A controller that commands the present posture, and `torque` Nm on one joint."""
-    effort = [0.0] * 7
-    effort[joint] = torque
-    return lambda state: stay(state, effort=effort)
+def pushing(torque: float) -> Callable[[JointState], JointState]:
+    """A controller that commands the present posture, and `torque` Nm on the last joint."""
+    return lambda state: stay(state, effort=[0.0] * 6 + [torque])
 
 
 def _replace_entry(values, index, value):

@@ -18,14 +18,14 @@ DRAWS = 2000  # of the bootstrap over episodes
 Subset = frozenset[str]
 
 
-def split_patch(patch: Patch, most: int = MOST) -> dict[str, Patch]:
+def split_patch(patch: Patch) -> dict[str, Patch]:
     """The patch cut into parts that are blamed: single effects where these are few, else effects of a kind together, of a module, or of
     arm, view and scene."""
     for label in (_alone, _kind, _module, _whose):
         found: dict[str, list[PatchEffect]] = {}
         for effect in patch.effects:
             found.setdefault(label(effect), []).append(effect)
-        if len(found) <= most:
+        if len(found) <= MOST:
             break
     return {name: Patch(tuple(effects)) for name, effects in found.items()}
 
@@ -72,14 +72,14 @@ def shapley(names: Sequence[str], success: Mapping[Subset, np.ndarray]) -> dict[
     return costs
 
 
-def with_intervals(costs: Mapping[str, np.ndarray], seed: int = 0) -> dict[str, dict]:
+def with_intervals(costs: Mapping[str, np.ndarray]) -> dict[str, dict]:
     """Mean cost by part, the largest first, with its 95 % interval by the bootstrap over episodes."""
-    found = {name: mean_and_interval(each, seed) for name, each in costs.items()}
+    found = {name: mean_and_interval(each) for name, each in costs.items()}
     return dict(sorted(found.items(), key=lambda item: -item[1]["value"]))
 
 
-def mean_and_interval(each: np.ndarray, seed: int = 0) -> dict:
+def mean_and_interval(each: np.ndarray) -> dict:
     """{value, ci95} of the mean of numbers (n,), by the bootstrap."""
-    rows = np.random.default_rng(seed).integers(len(each), size=(DRAWS, len(each)))
+    rows = np.random.default_rng(0).integers(len(each), size=(DRAWS, len(each)))
     low, high = np.quantile(each[rows].mean(axis=1), [0.025, 0.975])
     return {"value": float(np.mean(each)), "ci95": [float(low), float(high)]}

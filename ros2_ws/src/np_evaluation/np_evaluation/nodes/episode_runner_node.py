@@ -100,9 +100,9 @@ class EpisodeRunner(SupervisedGraphClient):
             self.find(service, timeout)
         self._wait(lambda: self._links.are_complete(names), timeout, "every publisher to find its subscribers")
 
-    def start_recording(self, timeout: float = SERVICE_TIMEOUT) -> str:
+    def start_recording(self) -> str:
         """Open the next bag; its path. Raises GraphError with the recorder's reason."""
-        deadline = time.monotonic() + timeout
+        deadline = time.monotonic() + SERVICE_TIMEOUT
         while not (answer := self.call("recorder/start")).success:
             if time.monotonic() > deadline or "publisher" not in answer.message:
                 raise GraphError(f"recorder/start: expected success, got: {answer.message}")

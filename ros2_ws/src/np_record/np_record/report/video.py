@@ -81,11 +81,11 @@ def draw_from_side(beside: ThirdPerson, episode: EpisodeData, time: float) -> np
     return beside.picture(_latest(episode.position, time, episode.position.values[0]), body, episode.goal)
 
 
-def draw_box(frame: np.ndarray, pose: Pose, half_size, colour=_GREEN) -> None:
+def draw_box(frame: np.ndarray, pose: Pose, half_size) -> None:
     """Outline a box of half size (3,) m at a pose in an image of the nominal camera, enlarged by SCALE."""
     corners = CAMERA.project(box_keypoints(np.asarray(half_size), pose.position, pose.quaternion))[0]
     for a, b in _EDGES:
-        cv2.line(frame, _pixel(corners[a]), _pixel(corners[b]), colour, 1, cv2.LINE_AA)
+        cv2.line(frame, _pixel(corners[a]), _pixel(corners[b]), _GREEN, 1, cv2.LINE_AA)
 
 
 def _pixel(uv) -> tuple[int, int]:
