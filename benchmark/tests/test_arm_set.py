@@ -44,6 +44,12 @@ KEYS = {
 }
 
 
+def diagnose_set(out, cases, doctor):
+    """A set of arms with one motion each, diagnosed by a command."""
+    options = f"--cases {cases} --set development --only sinusoid_7".split()
+    return blind.main([*options, "--out", str(out), "--doctor", doctor])
+
+
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory):
     folder = tmp_path_factory.mktemp("blind")
@@ -132,23 +138,7 @@ def test_a_case_whose_arm_runs_away_is_published_as_an_error(tmp_path, monkeypat
         "import pathlib, sys; out = pathlib.Path(sys.argv[-1]); "
         f"(out / 'report.json').write_text({answer!r}); (out / 'patch.yaml').write_text('effects: []')"
     )
-    assert (
-        blind.main(
-            [
-                "--cases",
-                "3",
-                "--set",
-                "development",
-                "--only",
-                "sinusoid_7",
-                "--out",
-                str(tmp_path),
-                "--doctor",
-                shlex.join([sys.executable, "-c", doctor]),
-            ]
-        )
-        == 0
-    )
+    assert diagnose_set(tmp_path, 3, shlex.join([sys.executable, "-c", doctor])) == 0
     results = json.loads((tmp_path / "results.json").read_text())
     errors = [case["error"] for case in results["cases"]]
     assert errors[0] == errors[2] == "" and errors[1].startswith("no recording: the arm ran away after")
@@ -156,18 +146,8 @@ def test_a_case_whose_arm_runs_away_is_published_as_an_error(tmp_path, monkeypat
 
 
 def test_a_locked_key_that_was_not_sealed_is_refused(tmp_path):
-    command = [
-        sys.executable,
-        "-m",
-        "np_blind.arm.set",
-        "--cases",
-        "3",
-        "--seed",
-        "987",
-        "--out",
-        str(tmp_path / "run"),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True)
+    options = ["--cases", "3", "--seed", "987", "--out", str(tmp_path / "run")]
+    done = subprocess.run([sys.executable, "-m", "np_blind.arm.set", *options], capture_output=True, text=True)
     assert done.returncode == 1 and "put down (--seal) and committed before the doctor runs" in done.stderr
     assert not (tmp_path / "run").exists()
 
@@ -181,20 +161,8 @@ def test_a_second_run_goes_on_and_a_doctor_that_crashes_fails_its_own_case_only(
         "assert not (out / 'report.json').exists() and 'case_001' not in out.name, 'fell over'; "
         f"(out / 'report.json').write_text({answer!r}); (out / 'patch.yaml').write_text('effects: []')"
     )
-    command = [
-        "--cases",
-        "3",
-        "--set",
-        "development",
-        "--only",
-        "sinusoid_7",
-        "--out",
-        str(tmp_path),
-        "--doctor",
-        shlex.join([sys.executable, "-c", doctor]),
-    ]
     for _ in range(2):  # the diagnosis would fail if it were run again
-        assert blind.main(command) == 0
+        assert diagnose_set(tmp_path, 3, shlex.join([sys.executable, "-c", doctor])) == 0
         results = json.loads((tmp_path / "results.json").read_text())
         assert [bool(case["error"]) for case in results["cases"]] == [False, True, False]
     assert "fell over" in results["cases"][1]["error"] and 1 in results["failures"]
@@ -211,23 +179,7 @@ def test_a_recording_that_cannot_be_made_fails_its_own_case_only(tmp_path, monke
 
     monkeypatch.setattr(recordings, "write_bag", full_disk)
     monkeypatch.setattr(blind, "workers", ThreadPoolExecutor)
-    assert (
-        blind.main(
-            [
-                "--cases",
-                "2",
-                "--set",
-                "development",
-                "--only",
-                "sinusoid_7",
-                "--out",
-                str(tmp_path),
-                "--doctor",
-                "false",
-            ]
-        )
-        == 0
-    )
+    assert diagnose_set(tmp_path, 2, "false") == 0
     errors = [case["error"] for case in json.loads((tmp_path / "results.json").read_text())["cases"]]
     assert errors[0].startswith("status 1") and "no space left" in errors[1]
 
