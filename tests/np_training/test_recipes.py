@@ -22,7 +22,7 @@ def test_every_domain_has_a_recipe_from_nothing_that_can_end(name):
     assert {"nominal", "paper", "stiffness 4"} <= {row.name for row in recipe.judge}
     last = recipe.stages[-1].drawn
     assert last.force_margin[0] <= 0.6 and last.force_margin[1] <= 1.0  # no further than where a robot stops
-    assert last.mass[0] <= 0.1 and last.mass[1] >= 3 and last.size == (0.8, 1.2)
+    assert last.mass[0] <= 0.1 and last.mass[1] >= 3 and last.size[0] <= 0.8 and last.size[1] >= 1.2
 
 
 @pytest.mark.parametrize(
