@@ -8,8 +8,11 @@ import numpy as np
 
 from np_common.rotations import matrix_from_six, vector_from_matrix
 from np_control.kinematics import forward_kinematics, jacobian, solve_ik
-from np_description.domains import WALL, Pose
+from np_description.domains import WALL, Pose, Task
 from np_description.engine import MakeEngine
+from np_description.objects.choice import place_object
+from np_description.objects.spec import Friction
+from np_description.objects.table import rows_of
 from np_description.panda import NOMINAL
 from np_sim_bridge.schedule import PERIOD, SECOND
 
@@ -25,19 +28,27 @@ ALONG, ALONG_DAMPING, PRESS_DAMPING = 2000.0, 150.0, 60.0  # N/m, N s/m, N s/m
 TURNING, TURNING_DAMPING, NULL_DAMPING = 60.0, 3.0, 1.0  # Nm/rad, Nm s/rad, Nm s/rad
 
 
-def draw_along_wall(make: MakeEngine, direction: str) -> float:
+def _roughen(friction: float) -> Task:
+    """The wall's task whose surroundings have this coefficient of friction."""
+    spec = rows_of(WALL.name)["default"].spec
+    table = Friction(friction, "the bench")
+    return place_object(WALL, replace(spec, surface=replace(spec.surface, table=table)))
+
+
+def draw_along_wall(make: MakeEngine, direction: str, friction: float | None = None) -> float:
     """The box stands at the wall. The hand presses it there for 1 s, then is drawn along the wall too.
 
     The hand is led along y and z of the base by a spring and pushes along x with PRESS N. Rubber holds what the wall's friction and the
-    weight pull at, so the hand never leaves the box in rigid theory. direction: a key of DIRECTIONS. Gives the share of
-    steps without touch while it is drawn.
+    weight pull at, so the hand never leaves the box in rigid theory. direction: a key of DIRECTIONS; friction: coefficient of wall and
+    table, None: as `make` has it. Gives the share of steps without touch while it is drawn.
     """
-    way, half = np.array(DIRECTIONS[direction]), WALL.half_size
-    (wall,) = WALL.obstacles
+    domain = WALL if friction is None else _roughen(friction)
+    way, half = np.array(DIRECTIONS[direction]), domain.half_size
+    (wall,) = domain.obstacles
     box = np.array([wall.centre[0] - wall.half_size[0] - half[0], 0.0, half[2]])
     start = box + [-half[0] - BEFORE, BESIDE, ABOVE]
     ready = solve_ik(np.array(NOMINAL.ready), start, LEANED, iterations=200)
-    engine = make(WALL, panda=replace(NOMINAL, ready=ready))
+    engine = make(domain, panda=replace(NOMINAL, ready=ready))
     engine.reset(Pose(box, np.array([1.0, 0, 0, 0])))
     still, drawn, apart = round(1.0 / STEP), round(DISTANCE / SPEED / STEP), 0
     for k in range(still + drawn):

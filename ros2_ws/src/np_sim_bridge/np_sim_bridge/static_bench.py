@@ -27,6 +27,7 @@ CARD = BoxOnTable((0.025, 0.035, 0.0025), 0.008)
 CUBE = BoxOnTable((0.045, 0.045, 0.045), 0.146)
 TALL = BoxOnTable((0.025, 0.025, 0.05), 0.038)
 FORCES = (1.0, 5.0, 10.0, 20.0, 31.0)  # N
+ROUGH = 0.5  # coefficient of a wall, half of the fingertip's
 HEADINGS = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0, 90.0)  # degrees, downhill
 
 
@@ -174,6 +175,7 @@ def bench(make: Make, make_engine: MakeEngine, friction: float) -> dict:
         "tip_over": tip_over(make),
         "tip_off_wall": tip_off_wall(make),
         "without_touch": {name: hand_bench.draw_along_wall(make_engine, name) for name in hand_bench.DIRECTIONS},
+        "without_touch_rough": hand_bench.draw_along_wall(make_engine, "both", ROUGH),
     }
 
 
@@ -190,6 +192,7 @@ THEORY: dict[str, float | str] = {
     "pushed 20 mm beside its middle over 60 mm, degrees": "17 (corners) to 31 (patch)",
     "finger ahead of the middle of a box that is drawn along a wall until it tips, mm": 5.0,
     "steps without touch while a leaned hand draws a box along a wall, share": 0.0,
+    "the same aslant along a wall of friction 0.5, share": 0.0,
 }
 """What a rigid box does, question by question."""
 
@@ -211,6 +214,7 @@ def figures(answer: dict) -> dict[str, float]:
         answer["push_off_centre"]["turned_deg"],
         answer["tip_off_wall"]["ahead_mm"],
         max(answer["without_touch"].values()),
+        answer["without_touch_rough"],
     )
     return dict(zip(THEORY, values, strict=True))
 
