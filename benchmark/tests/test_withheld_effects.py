@@ -1,13 +1,22 @@
-"""What makes the object's motion worse in the very recordings that named it is not given, and is reported."""
+"""What makes the object's motion worse in the very recordings that named it is not given; what is found where much is unexplained is
+given only if it makes it better. Both are reported."""
 
 import numpy as np
 import pytest
 from sim2real.effects.patch import Patch, PatchEffect
 from sim2real.effects.sentences import ValueWithInterval
 from sim2real.report.task_document import check_schema, document
-from sim2real.task.diagnosis import TaskRecordings, diagnose_task
+from sim2real.task.diagnosis import (
+    ModuleResult,
+    TaskDiagnosis,
+    TaskRecordings,
+    diagnose_task,
+    make_doubtful_patch,
+    make_patch,
+)
+from sim2real.task.hypotheses import Hypothesis, TaskFinding
 from sim2real.task.object_motion import patch_check as motion
-from sim2real.task.object_motion.patch_check import CheckedPatch, withhold_harmful_effects
+from sim2real.task.object_motion.patch_check import CheckedPatch, add_helpful_effects, withhold_harmful_effects
 from sim2real.task.object_motion.prediction import estimate_removed_share, prediction_errors
 
 from np_blind.task.simulated_lab import SimulatedLab
@@ -58,8 +67,18 @@ def test_what_makes_nearly_every_window_worse_goes_though_a_hop_hides_it(monkeyp
     )
 
 
-def test_without_a_suite_nothing_is_withheld():
-    assert withhold_harmful_effects([], Patch((ROUGH,))) == CheckedPatch(Patch((ROUGH,)), {})
+def test_of_what_is_doubtful_only_what_helps_is_given(recordings):
+    nothing = CheckedPatch(Patch(), {})
+    given = add_helpful_effects(recordings, nothing, Patch((ROUGH, ASIDE)))
+    assert given.patch == Patch((ASIDE,)) and list(given.added) == ["camera_extrinsics"]
+    assert given.added["camera_extrinsics"].low > 0
+    assert add_helpful_effects(recordings, nothing, Patch((OTHER,))) == nothing
+
+
+def test_without_a_suite_nothing_is_withheld_and_nothing_doubtful_given():
+    kept = withhold_harmful_effects([], Patch((ROUGH,)))
+    assert kept == CheckedPatch(Patch((ROUGH,)), {})
+    assert add_helpful_effects([], kept, Patch((ASIDE,))) == kept
 
 
 def test_what_is_withheld_is_said_and_is_no_effect_of_the_answer():
@@ -69,3 +88,23 @@ def test_what_is_withheld_is_said_and_is_no_effect_of_the_answer():
     assert [one["effect"] for one in told["effects"]] == ["camera_extrinsics"]
     assert told["withheld"] == [{"effect": "gripper_friction", "removed": {"value": -0.5, "ci95": [-0.9, -0.1]}}]
     assert "Not in the patch" in told["sentence"] and "gripper_friction" in told["sentence"]
+
+
+def test_what_is_added_is_said():
+    kept = CheckedPatch(Patch((ASIDE,)), {}, {"camera_extrinsics": ValueWithInterval(0.5, 0.1, 0.9)})
+    told = document(diagnose_task(TaskRecordings((), (), ())), [], kept)
+    check_schema(told)
+    assert told["added"] == [{"effect": "camera_extrinsics", "removed": {"value": 0.5, "ci95": [0.1, 0.9]}}]
+    assert "unexplained: camera_extrinsics. It removes 50 % (10 to 90)" in told["sentence"]
+
+
+@pytest.mark.parametrize("verdict, is_sure", [("ambiguous", True), ("unexplained", False)])
+def test_a_picture_that_is_off_is_patched_by_the_likeliest_of_its_causes(verdict, is_sure):
+    turn = Hypothesis("camera_turn", ("camera_extrinsics",), {}, {"turn_y": 0.015})
+    lens = Hypothesis("focal_length", ("camera_intrinsics",), {}, {"focal": 0.01})
+    seen = ModuleResult("camera", verdict, (TaskFinding((turn, lens), 9.0, "view"),))
+    diagnosis = TaskDiagnosis((seen,), TaskRecordings((), (), ()))
+    expected = Patch((PatchEffect("camera_extrinsics", "camera", {"turn_y": 0.015}),))
+    assert (make_patch(diagnosis), make_doubtful_patch(diagnosis)) == (
+        (expected, Patch()) if is_sure else (Patch(), expected)
+    )

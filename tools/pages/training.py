@@ -56,7 +56,7 @@ STAGES = """Rows are of each run's student ([data](training_seeds.json), 2026-11
 AFTER_STAGES = """In the last stage of bump and wall first touches cost three times as much. The release was chosen by the mean of the rows in MuJoCo,
 before any graph had played it. The bump's is 0.936 and 0.938 in steady and hard contacts, before 0.922 and 0.927. The wall's is 0.979 and 0.974, before
 0.976 and 0.975 with the same 30 s. The bump gains in 17 of 20 rows, and its housing touches a third less often. Its speed at first touch stayed at
-0.15 m/s, so the price was not what helped: 0.1 s of an action are the shortest that it can aim in. The wall's first touch is 0.027 m/s in nominal hard
+0.15 m/s, so that price is not what helped. The wall's first touch is 0.027 m/s in nominal hard
 contacts, before 0.035; under `robust` its force in 99 % of episodes fell from 47 to 35 N in steady contacts."""
 REST = """`experiments/nano_push.py` ([data](training_forces.json)) reaches a success of 0.933 at the residual limits of deployment after 70 M steps and
 271 s on one H100. The fused contact solver gives 292,380 policy steps a second for the wall, the library's solver 124,001. For the card the figures

@@ -14,8 +14,7 @@ from sim2real.simulation.patch_trial import try_patch
 from sim2real.task.camera.rest_poses import find_rest_poses
 from sim2real.task.diagnosis import TaskRecordings
 from sim2real.task.diagnosis import diagnose_task as diagnose_chain
-from sim2real.task.diagnosis import make_patch as patch_of_chain
-from sim2real.task.object_motion.patch_check import withhold_harmful_effects
+from sim2real.task.object_motion.patch_check import check_patch
 from sim2real.task.suite.recording import TaskRecording
 
 from np_blind.task.simulated_lab import TORQUE_NOISE, SimulatedLab
@@ -88,7 +87,7 @@ def diagnose_robot(log: Log | None, tasks: Sequence[TaskRecording]) -> tuple[Pat
     rests = tuple(place for task in tasks for place, _ in find_rest_poses(task.track, task.domain))
     seen = TaskRecordings(tuple(tasks), tuple(task.track for task in tasks), rests)
     chain = diagnose_chain(seen, panda=found.panda())
-    kept = withhold_harmful_effects(tasks, patch_of_chain(chain), panda=found.panda())
+    kept = check_patch(tasks, chain, panda=found.panda())
     told = {
         "arm": verdict,
         "chain": chain.verdict,

@@ -11,9 +11,9 @@ from sim2real.effects.patch import Patch
 from sim2real.report.task_sentences import finding_text
 from sim2real.task.camera.rest_poses import find_rest_poses
 from sim2real.task.contact_force.fit import NominalContact
-from sim2real.task.diagnosis import TaskDiagnosis, TaskRecordings, diagnose_task, make_patch
+from sim2real.task.diagnosis import TaskDiagnosis, TaskRecordings, diagnose_task
 from sim2real.task.hypotheses import module_of
-from sim2real.task.object_motion.patch_check import CheckedPatch, withhold_harmful_effects
+from sim2real.task.object_motion.patch_check import CheckedPatch, check_patch
 from sim2real.task.object_motion.prediction import estimate_removed_share, prediction_errors
 from sim2real.task.object_motion.windows import FAMILIES
 from sim2real.task.suite.object_pose import camera_over_table, pose_between
@@ -39,11 +39,17 @@ def answer(case: TaskCase, seed: int) -> dict:
     rests = tuple(place for place, _ in find_rest_poses(recording.track, recording.domain))
     found = diagnose_task(TaskRecordings((recording,), (recording.track,), rests))
     asked = time.perf_counter()
-    kept = withhold_harmful_effects([recording], make_patch(found))
+    kept = check_patch([recording], found)
     moved = held_out_motion(case, found, kept, [fresh])
     done = time.perf_counter()
     took = {"made_s": made - begun, "asked_s": asked - made, "moved_s": done - asked}
-    return {**score_diagnosis(case, found), "withheld": list(kept.withheld), "motion": moved, **took}
+    return {
+        **score_diagnosis(case, found),
+        "withheld": list(kept.withheld),
+        "added": list(kept.added),
+        "motion": moved,
+        **took,
+    }
 
 
 def record_case(case: TaskCase, seed: int, only: tuple[str, ...] = ()) -> TaskRecording:

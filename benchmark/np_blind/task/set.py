@@ -72,12 +72,12 @@ def main(arguments: list[str] | None = None) -> int:
         print("interrupted; results are kept, the same command goes on with the next", file=sys.stderr)
         return INTERRUPTED
     except (SealError, OSError) as error:
-        print(f"chain.set: {error}", file=sys.stderr)
+        print(f"task.set: {error}", file=sys.stderr)
         return 2 if isinstance(error, SealError) else 1
     results, found = options.out / "task.json", figures(rows)
     publish(
         results,
-        f"chain.set --cases {options.cases} --seed {options.seed} --out FOLDER",
+        f"task.set --cases {options.cases} --seed {options.seed} --out FOLDER",
         options.seed,
         drawn=options.cases,
         key_sha256=sealed,

@@ -62,8 +62,8 @@ def main(arguments: list[str] | None = None) -> int:
     from sim2real.recordings.reading import ContractViolation
     from sim2real.report.task_document import check_schema, document
     from sim2real.task.arm_result import read_arm_result
-    from sim2real.task.diagnosis import diagnose_task, make_patch
-    from sim2real.task.object_motion.patch_check import withhold_harmful_effects
+    from sim2real.task.diagnosis import diagnose_task
+    from sim2real.task.object_motion.patch_check import check_patch
     from sim2real.task.object_motion.prediction import predict_motion
     from sim2real.arm.model import panda as nominal_arm
     from sim2real.wiring.check import check_wiring
@@ -91,7 +91,7 @@ def main(arguments: list[str] | None = None) -> int:
     except (CalibrationError, ContractViolation, ValueError) as violation:
         return report_violation(violation)
     on_stage("motion")
-    kept = withhold_harmful_effects(recordings.tasks, make_patch(diagnosis), camera, panda)
+    kept = check_patch(recordings.tasks, diagnosis, camera, panda)
     moved = held_out or recordings.tasks
     predicted = predict_motion(moved, kept.patch, camera, panda, bool(held_out)) if moved else None
     report = document(diagnosis, [str(bag) for bag in options.bags], kept, predicted)

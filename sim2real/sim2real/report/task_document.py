@@ -26,14 +26,19 @@ def document(
 ) -> dict:
     """The report in SI units, px in images, with 95 % intervals.
 
-    kept: the patch without harmful effects (default: all of it); predicted: the object's motion without the patch and with it.
+    checked: what of the patch is given (default: all of it); predicted: the object's motion without the patch and with it.
     """
     checked = checked or CheckedPatch(make_patch(diagnosis), {})
     return {
         "schema_version": 1,
         "verdict": diagnosis.verdict,
         "sentence": " ".join(
-            [sentence(diagnosis), *_withheld(checked), *describe_broken_loops(diagnosis.recordings.logs)]
+            [
+                sentence(diagnosis),
+                *_withheld(checked),
+                *_added(checked),
+                *describe_broken_loops(diagnosis.recordings.logs),
+            ]
         ),
         "rows": [_module(one, diagnosis, predicted) for one in diagnosis.modules],
         "effects": [
@@ -41,6 +46,7 @@ def document(
             for e in checked.patch.effects
         ],
         "withheld": [{"effect": effect, "removed": _value(removed)} for effect, removed in checked.withheld.items()],
+        "added": [{"effect": effect, "removed": _value(removed)} for effect, removed in checked.added.items()],
         "motion": None if predicted is None else {**asdict(predicted), "removed": _value(predicted.removed)},
         "next": next_steps(diagnosis),
         "measured": _measured(diagnosis),
@@ -71,6 +77,13 @@ def _withheld(checked: CheckedPatch) -> list[str]:
         return []
     names = ", ".join(checked.withheld)
     return [f"Not in the patch, for the simulated object moves worse with it in this very recording: {names}."]
+
+
+def _added(checked: CheckedPatch) -> list[str]:
+    return [
+        f"In the patch, though its module is unexplained: {effect}. It removes {removed:%} of the simulated object's error in this recording."
+        for effect, removed in checked.added.items()
+    ]
 
 
 def _module(result: ModuleResult, diagnosis: TaskDiagnosis, predicted: MotionPrediction | None) -> dict:

@@ -206,16 +206,24 @@ def _camera_rotation(result: TaskDiagnosis) -> np.ndarray | None:
 
 
 def make_patch(diagnosis: TaskDiagnosis) -> Patch:
-    """Findings of one effect that a simulator models, within the bounds of their parameters.
+    """Findings of one effect that a simulator models, within the bounds of their parameters; none of a module that is unexplained.
 
     A late image is late either way, and a picture that is off is off, where it was looked at, by either of place and rotation.
     """
+    return _patch(diagnosis, lambda result: result.verdict != "unexplained")
+
+
+def make_doubtful_patch(diagnosis: TaskDiagnosis) -> Patch:
+    """As `make_patch`, of the modules that are unexplained: what was found there besides."""
+    return _patch(diagnosis, lambda result: result.verdict == "unexplained")
+
+
+def _patch(diagnosis: TaskDiagnosis, belongs: Callable[[ModuleResult], bool]) -> Patch:
     entries: dict[str, dict[str, float]] = {}
-    for result in diagnosis.modules:
-        for one in result.findings if result.verdict != "unexplained" else ():
-            best = one.hypotheses[0]
-            if best.patch and (one.source in ("lag", "meeting") or one.is_one_effect):
-                entries.setdefault(best.effects[0], {}).update(best.patch)
+    for one in (finding for result in diagnosis.modules if belongs(result) for finding in result.findings):
+        best = one.hypotheses[0]
+        if best.patch and (one.source in ("view", "lag", "meeting") or one.is_one_effect):
+            entries.setdefault(best.effects[0], {}).update(best.patch)
     found = (PatchEffect(effect, "", values) for effect, values in entries.items())
     return Patch(tuple(PatchEffect(e.effect, str(e.definition.target), _clip(e)) for e in found))
 

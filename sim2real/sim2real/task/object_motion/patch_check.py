@@ -1,9 +1,10 @@
-"""What of a patch is given: an effect that makes the object's motion surely worse, in the recordings that named it, is withheld."""
+"""What of a patch is given: an effect that makes the object's motion surely worse, in the recordings that named it, is withheld. One of a
+module that stays unexplained is given only if it makes that motion surely better."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from np_description.camera import CAMERA, Camera
 from np_description.panda import NOMINAL, PandaModel
 from sim2real.effects.patch import Patch
 from sim2real.effects.sentences import ValueWithInterval
+from sim2real.task.diagnosis import TaskDiagnosis, make_doubtful_patch, make_patch
 from sim2real.task.object_motion.prediction import (
     estimate_removed_share,
     estimate_typical_removed_share,
@@ -27,6 +29,36 @@ class CheckedPatch:
     """Effects that remain."""
     withheld: dict[str, ValueWithInterval]
     """Share of the motion error that each withheld effect removes, below 0."""
+    added: dict[str, ValueWithInterval] = field(default_factory=dict)
+    """Share of the motion error that each effect of an unexplained module removes, above 0."""
+
+
+def check_patch(
+    recordings: Sequence[TaskRecording], diagnosis: TaskDiagnosis, camera: Camera = CAMERA, panda: PandaModel = NOMINAL
+) -> CheckedPatch:
+    """What a diagnosis gives of all that it found in recordings of one object."""
+    kept = withhold_harmful_effects(recordings, make_patch(diagnosis), camera, panda)
+    return add_helpful_effects(recordings, kept, make_doubtful_patch(diagnosis), camera, panda)
+
+
+def add_helpful_effects(
+    recordings: Sequence[TaskRecording],
+    kept: CheckedPatch,
+    doubtful: Patch,
+    camera: Camera = CAMERA,
+    panda: PandaModel = NOMINAL,
+) -> CheckedPatch:
+    """The patch that is kept with each doubtful effect that makes the motion surely better beside it; unchanged without recordings."""
+    patch, added = kept.patch, {}
+    before = prediction_errors(recordings, patch, camera, panda) if recordings and doubtful.effects else None
+    for one in doubtful.effects if before is not None else ():
+        more = Patch((*patch.effects, one))
+        after = prediction_errors(recordings, more, camera, panda)
+        known = np.isfinite(before) & np.isfinite(after)
+        removed = estimate_removed_share(before[known], after[known]) if known.any() else None
+        if removed is not None and removed.low > 0:
+            patch, before, added[one.effect] = more, after, removed
+    return CheckedPatch(patch, kept.withheld, added)
 
 
 def withhold_harmful_effects(
