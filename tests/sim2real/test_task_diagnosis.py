@@ -279,10 +279,13 @@ def test_corners_that_scatter_more_are_said_with_their_size():
     assert re.search(r"Scatter 0\.\d+ px .*; \d+ % .* of corners scatter more, by \d", text) and "gross" not in text
 
 
-@pytest.mark.parametrize("other, is_given", [("camera_extrinsics", True), ("keypoint_bias", False)])
-def test_one_effect_is_patched_though_place_and_turn_are_not_told_apart(other, is_given):
+@pytest.mark.parametrize(
+    "other, source, is_given",
+    [("camera_extrinsics", "touch", True), ("keypoint_bias", "touch", False), ("keypoint_bias", "view", True)],
+)
+def test_an_effect_without_a_rival_is_patched_and_a_picture_that_is_off_by_its_likeliest(other, source, is_given):
     turn = Hypothesis("camera_turn", ("camera_extrinsics",), {}, {"turn_y": 0.015})
-    claim = TaskFinding((turn, Hypothesis("other", (other,), {}, {"x": 0.01})), 9.0, "view")
+    claim = TaskFinding((turn, Hypothesis("other", (other,), {}, {"x": 0.01})), 9.0, source)
     found = diagnose_task(TaskRecordings((), (still(),), ()))
     rows = [
         replace(row, verdict="identified", findings=(claim,), share=1.0) if row.module == "camera" else row

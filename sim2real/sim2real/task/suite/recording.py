@@ -63,6 +63,9 @@ def read_task(path: str | Path, log: Log) -> TaskRecording:
     from np_record.bag import BagError, Recording  # slow
     from np_record.recorded_episode import read_recorded_task
 
+    spans = spans_of(log)
+    if not spans:
+        raise NotATaskSuite(f"bag {path}: expected experiments of the task suite ({', '.join(FAMILIES)}), got none")
     track = read_keypoint_track(path)
     try:
         with Recording(path, required=("joint_states", "keypoints")) as recording:
@@ -70,7 +73,4 @@ def read_task(path: str | Path, log: Log) -> TaskRecording:
             first, first_image = (recording.rows(topic)[topic][0].stamp for topic in ("joint_states", "keypoints"))
     except BagError as error:
         raise bag_violation(path, error) from error
-    spans = spans_of(log)
-    if not spans:
-        raise NotATaskSuite(f"bag {path}: expected experiments of the task suite ({', '.join(FAMILIES)}), got none")
     return TaskRecording(log, track, (first_image - first) / SECOND, domain, spans)
