@@ -29,7 +29,9 @@ PhysX the wall falls short. There the contact of a leaned hand comes and goes wh
 steps, with 0.45 in a sixth, with 0.4 in a twentieth. Rigid theory and MuJoCo have no such gap. The fingertip then slips on the box at 0.6 of its
 normal force, where its coefficient is 1.0, and the box turns and falls. With PhysX's other solver (PGS) the contact never opens, and 30 of the first
 30 wall episodes with true corners succeed in place of 24; but it fails other rows of the bench. The engine is not mended for the task: the bench has
-a row of the gap now, and a next version has to pass it with all others. How a real robot would do is not known."""
+a row of the gap now, and a next version has to pass it with all others. How a real robot would do is not known. MuJoCo's own figures do not hang on
+its step: with 0.5 ms in place of 2 ms 20 of 20 episodes of the wall and of the bump succeed (`finer_steps` in the data of true corners), with raw
+peaks of at most 21 and 41 N."""
 
 
 def read(folder: Path) -> Iterator[tuple[str, str, str, Mapping]]:
