@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -208,19 +208,19 @@ def _camera_rotation(result: TaskDiagnosis) -> np.ndarray | None:
 def make_patch(diagnosis: TaskDiagnosis) -> Patch:
     """Findings of one effect that a simulator models, within the bounds of their parameters; none of a module that is unexplained.
 
-    A late image is late either way, and a picture that is off is off, where it was looked at, by either of place and rotation.
+    Of a picture or its time the likeliest cause stands for its rivals: where it was looked at, the picture is off either way.
     """
-    return _patch(diagnosis, lambda result: result.verdict != "unexplained")
+    return _patch([one for one in diagnosis.modules if one.verdict != "unexplained"])
 
 
 def make_doubtful_patch(diagnosis: TaskDiagnosis) -> Patch:
     """As `make_patch`, of the modules that are unexplained: what was found there besides."""
-    return _patch(diagnosis, lambda result: result.verdict == "unexplained")
+    return _patch([one for one in diagnosis.modules if one.verdict == "unexplained"])
 
 
-def _patch(diagnosis: TaskDiagnosis, belongs: Callable[[ModuleResult], bool]) -> Patch:
+def _patch(modules: Sequence[ModuleResult]) -> Patch:
     entries: dict[str, dict[str, float]] = {}
-    for one in (finding for result in diagnosis.modules if belongs(result) for finding in result.findings):
+    for one in (finding for result in modules for finding in result.findings):
         best = one.hypotheses[0]
         if best.patch and (one.source in ("view", "lag", "meeting") or one.is_one_effect):
             entries.setdefault(best.effects[0], {}).update(best.patch)

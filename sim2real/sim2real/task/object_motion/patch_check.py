@@ -23,7 +23,7 @@ from sim2real.task.suite.recording import TaskRecording
 
 @dataclass(frozen=True)
 class CheckedPatch:
-    """A patch without the effects that surely make the object's motion worse."""
+    """What is given of a patch, by the object's motion."""
 
     patch: Patch
     """Effects that remain."""
@@ -49,14 +49,15 @@ def add_helpful_effects(
     panda: PandaModel = NOMINAL,
 ) -> CheckedPatch:
     """The patch that is kept with each doubtful effect that makes the motion surely better beside it; unchanged without recordings."""
+    if not (recordings and doubtful.effects):
+        return kept
     patch, added = kept.patch, {}
-    before = prediction_errors(recordings, patch, camera, panda) if recordings and doubtful.effects else None
-    for one in doubtful.effects if before is not None else ():
+    before = prediction_errors(recordings, patch, camera, panda)
+    for one in doubtful.effects:
         more = Patch((*patch.effects, one))
         after = prediction_errors(recordings, more, camera, panda)
-        known = np.isfinite(before) & np.isfinite(after)
-        removed = estimate_removed_share(before[known], after[known]) if known.any() else None
-        if removed is not None and removed.low > 0:
+        removed = _removed_if_better(before, after)
+        if removed is not None:
             patch, before, added[one.effect] = more, after, removed
     return CheckedPatch(patch, kept.withheld, added)
 
@@ -67,7 +68,7 @@ def withhold_harmful_effects(
     """Of a patch and the recordings of one object that it was found in; all of it without any.
 
     An effect is tested beside those that stay: with it, and without. The worst goes first, for two that are wrong may hide each other. Two
-    engines differ by as much as an effect of usual size changes in a window, so only what is surely worse goes (`_worse`).
+    engines differ by as much as an effect of usual size changes in a window, so only what is surely worse goes (`_removed_if_worse`).
     """
     withheld: dict[str, ValueWithInterval] = {}
     after = prediction_errors(recordings, patch, camera, panda) if recordings and patch.effects else None
@@ -76,8 +77,7 @@ def withhold_harmful_effects(
         for one in patch.effects:
             rest = Patch(tuple(e for e in patch.effects if e is not one))
             without = prediction_errors(recordings, rest, camera, panda)
-            known = np.isfinite(without) & np.isfinite(after)
-            removed = _removed_if_worse(without[known], after[known]) if known.any() else None
+            removed = _removed_if_worse(without, after)
             if removed is not None:
                 worse.append((removed, one.effect, rest, without))
         if not worse:
@@ -87,10 +87,26 @@ def withhold_harmful_effects(
     return CheckedPatch(patch, withheld)
 
 
+def _removed_if_better(before: np.ndarray, after: np.ndarray) -> ValueWithInterval | None:
+    """The share of the error of windows (n,) px that is gone after, where that is surely more than none."""
+    before, after = _predicted(before, after)
+    removed = estimate_removed_share(before, after) if before.size else None
+    return removed if removed is not None and removed.low > 0 else None
+
+
 def _removed_if_worse(without: np.ndarray, after: np.ndarray) -> ValueWithInterval | None:
     """The share of the error of windows (n,) px that is gone after, where that is surely less than none, in 95 % of draws of them: of their sum; or of
     what is left of one, on geometric average, where the sum is no better. A few windows in which a tip slips or holds by chance are most of a
     sum, and hide that nearly all others are worse; what is better in sum stays, for one tap that comes right is worth many drags."""
+    without, after = _predicted(without, after)
+    if not without.size:
+        return None
     removed = estimate_removed_share(without, after)
     is_worse = removed.high < 0 or (removed.value < 0 and estimate_typical_removed_share(without, after).high < 0)
     return removed if is_worse else None
+
+
+def _predicted(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of errors (n,) of the same windows those that both could predict."""
+    known = np.isfinite(before) & np.isfinite(after)
+    return before[known], after[known]
