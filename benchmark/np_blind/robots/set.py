@@ -43,7 +43,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--pairs", type=int, default=32, help="--seal: episodes by which a loss is measured")
     parser.add_argument("--episodes", type=int, default=200, help="of every figure (default: %(default)s)")
     parser.add_argument("--share-episodes", type=int, default=50, help="of every subset of the effects found")
-    parser.add_argument("--minutes", type=float, default=5.0, help="of training")
+    parser.add_argument("--minutes", type=float, default=5.0, help="of training; 0: corrections only")
     parser.add_argument("--each-gpu", type=int, default=1, help="trainings at a time on a GPU")
     parser.add_argument(
         "--oracle", choices=ORACLES, default="all", help="robots with which the same is done with the true effects"
@@ -83,7 +83,8 @@ def evaluate(options: argparse.Namespace) -> dict:
     options.out.mkdir(parents=True, exist_ok=True)
     doctor = check_diagnosis_code(options.out, is_locked)
     there = list_gpus()
-    training = Learning(options.minutes, there[0] if there else None, options=tuple(options.train))
+    gpu = there[0] if there else None
+    training = Learning(options.minutes, gpu, options=tuple(options.train)) if options.minutes > 0 else None
     config = EvaluationConfig(
         options.out, options.seed, options.episodes, options.share_episodes, training, options.oracle
     )
