@@ -69,6 +69,6 @@ def test_a_patch_that_is_right_predicts_taps_better_and_its_opposite_worse():
 @pytest.mark.parametrize("delay", [0.0, 0.04])
 def test_shoves_tell_a_delay_within_three_milliseconds(delay):
     late = Patch((PatchEffect("camera_latency", "camera", {"delay": delay}),) if delay else ())
-    found = estimate_image_latency(SimulatedLab(BUMP, late, 4, MujocoEngine).run(("shove",)))
+    found = estimate_image_latency([SimulatedLab(BUMP, late, 4, MujocoEngine).run(("shove",))])
     assert [one.name for one in found.pushes if one.name.startswith("shove")] == ["shove_1", "shove_2", "shove_3"]
     assert found.late.value == pytest.approx(delay, abs=0.003) and found.late.high - found.late.low < 0.008

@@ -89,7 +89,7 @@ def test_an_object_that_would_rock_is_not_swayed():
 @pytest.mark.parametrize("late", [0.0, 0.12])
 def test_a_sway_tells_the_delay_by_itself(late):
     made = recorded(late)
-    (only,), found = find_oscillating_pushes(made), estimate_image_latency(made)
+    (only,), found = find_oscillating_pushes(made), estimate_image_latency([made])
     assert only.counts >= SWAYS[1] - 1
     assert found.late.value == pytest.approx(late, abs=0.004) and found.late.high - found.late.low < 0.025
     assert found.verdict == ("ambiguous" if late else "no_gap")
@@ -97,13 +97,13 @@ def test_a_sway_tells_the_delay_by_itself(late):
 
 def test_an_object_that_goes_along_by_half_says_no_delay():
     made = recorded(follows=0.5)
-    assert find_oscillating_pushes(made) == () and estimate_image_latency(made).verdict == "undetermined"
+    assert find_oscillating_pushes(made) == () and estimate_image_latency([made]).verdict == "undetermined"
 
 
 @pytest.mark.parametrize(("behind", "late"), [(0.0003, 0.04), (0.001, 0.0)])
 def test_an_object_that_stays_behind_where_the_tip_turns_back_is_not_taken_for_one_that_is_late(behind, late):
     """A millimetre of play looks like 30 ms in a sinusoid's phase."""
-    found = estimate_image_latency(recorded(late, behind=behind))
+    found = estimate_image_latency([recorded(late, behind=behind)])
     assert found.late.low <= late <= found.late.high and abs(found.late.value - late) < 0.008
 
 

@@ -27,10 +27,11 @@ from sim2real.task.suite.hand_eye_offset import offset_from_faces as judge_meeti
 from sim2real.task.suite.image_latency import latency_from_pushes as judge_lag
 from sim2real.task.suite.object_pose import camera_over_table, pose_at_start
 from sim2real.task.suite.pushed_object import PushedObject
-from sim2real.task.suite.recording import TaskRecording
+from sim2real.task.suite.recording import TaskRecording, correct_encoders
 from sim2real.task.surface.estimate import SurfaceContactResult
 
 from np_common.rotations import yaw_quaternion
+from np_control.dynamics import Dynamics
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, Pose
 from np_description.keypoints import box_keypoints
@@ -317,6 +318,22 @@ def test_an_episode_is_seen_and_not_felt(tmp_path):
     bag = record_episode(tmp_path / "bag")
     seen = read_recordings([bag])
     assert len(seen.tracks) == 1 and not seen.tasks
+
+
+@pytest.mark.parametrize("with_gravity", [False, True])
+def test_a_recording_of_biased_encoders_is_corrected_to_the_true_angles_and_torques(with_gravity):
+    rng, gravity = np.random.default_rng(8), Dynamics().gravity
+    time, bias = np.arange(0.0, 0.02, 0.002), np.array([0.0, -0.014, 0.0, 0.01, 0.0, 0.003, 0.0])
+    true = np.array([0.0, 0.3, 0.0, -2.0, 0.0, 2.3, 0.8]) + 0.1 * rng.standard_normal((len(time), 7))
+    drives = np.array([gravity(q) for q in true]) + rng.standard_normal((len(time), 7))
+    torque = drives if with_gravity else drives - np.array([gravity(q) for q in true + bias])
+    log = Log("suite", time, true + bias, np.zeros_like(true), torque, time, with_gravity)
+    recording = TaskRecording(log, still(), 0.0, BUMP, {})
+    found = correct_encoders(recording, bias).log
+    expected = drives if with_gravity else drives - np.array([gravity(q) for q in true])
+    assert np.allclose(found.position, true)
+    assert np.allclose(found.torque, expected)
+    assert correct_encoders(recording, np.zeros(7)) is recording
 
 
 @pytest.mark.parametrize(("spread", "named"), [(0.2, True), (0.001, False)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -42,7 +43,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument(
         "--show-every", type=float, default=60.0, help="seconds between lines where there is no terminal"
     )
-    parser.add_argument("--worlds", type=count, default=24576, help="of each process")
+    parser.add_argument("--worlds", type=count, default=24576, help="of all processes together")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", help=DEVICE_HELP)
     parser.add_argument(
@@ -61,6 +62,8 @@ def parse() -> argparse.Namespace:
     arguments = parser.parse_args()
     if arguments.recipe and arguments.domain:
         parser.error("--domain: a recipe has its own")
+    if arguments.worlds % (processes := int(os.environ.get("WORLD_SIZE", 1))):  # of torchrun
+        parser.error(f"--worlds: expected a multiple of the {processes} processes, got {arguments.worlds}")
     arguments.device = usable(arguments.device)
     try:
         changes = parse_changes(arguments.set)

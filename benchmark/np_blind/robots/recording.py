@@ -15,7 +15,7 @@ from sim2real.task.camera.rest_poses import find_rest_poses
 from sim2real.task.diagnosis import TaskRecordings
 from sim2real.task.diagnosis import diagnose_task as diagnose_chain
 from sim2real.task.object_motion.patch_check import check_patch
-from sim2real.task.suite.recording import TaskRecording
+from sim2real.task.suite.recording import TaskRecording, correct_encoders
 
 from np_blind.task.simulated_lab import TORQUE_NOISE, SimulatedLab
 from np_control.controller import Controller
@@ -84,6 +84,7 @@ def diagnose_robot(log: Log | None, tasks: Sequence[TaskRecording]) -> tuple[Pat
             left_out = trial.left_out if trial else ()
         except ValueError as error:
             verdict = f"refused: {error}"
+    tasks = [correct_encoders(task, found.per_joint("encoder_bias", "bias")) for task in tasks]
     rests = tuple(place for task in tasks for place, _ in find_rest_poses(task.track, task.domain))
     seen = TaskRecordings(tuple(tasks), tuple(task.track for task in tasks), rests)
     chain = diagnose_chain(seen, panda=found.panda())

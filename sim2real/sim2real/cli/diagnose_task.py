@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import replace
 from itertools import accumulate
 from pathlib import Path
 
@@ -68,6 +69,7 @@ def main(arguments: list[str] | None = None) -> int:
     from sim2real.arm.model import panda as nominal_arm
     from sim2real.wiring.check import check_wiring
     from sim2real.task.reading import read_held_out, read_recordings
+    from sim2real.task.suite.recording import correct_encoders
 
     progress = Progress(sum(SHARES.values()), "task")
     begun = dict(zip(SHARES, accumulate(SHARES.values(), initial=0)))
@@ -78,15 +80,17 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         on_stage("read")
         camera = load_calibrated_camera(options.calibration)
-        arm, panda = None, Patch().panda()
+        arm, arm_patch = None, Patch()
         if options.arm:
             arm = read_arm_result(options.arm)
-            panda = load_patch(options.arm / "patch.yaml").panda()
+            arm_patch = load_patch(options.arm / "patch.yaml")
+        panda, encoder_bias = arm_patch.panda(), arm_patch.per_joint("encoder_bias", "bias")
         for bag in options.bags:
             if fault := check_wiring(bag, nominal_arm()):
                 return report_fault(fault, bag, options.out)
         recordings = read_recordings(options.bags, options.calibration, not options.without_pose, camera)
-        held_out = read_held_out(options.held_out, recordings)
+        held_out = tuple(correct_encoders(t, encoder_bias) for t in read_held_out(options.held_out, recordings))
+        recordings = replace(recordings, tasks=tuple(correct_encoders(t, encoder_bias) for t in recordings.tasks))
         diagnosis = diagnose_task(recordings, camera, panda, arm, on_stage)
     except (CalibrationError, ContractViolation, ValueError) as violation:
         return report_violation(violation)

@@ -126,7 +126,7 @@ def diagnose_task(
     """Every stage that has data.
 
     camera: the nominal camera; panda: the arm with its own gap; arm: the result of `diagnose`; on_stage: called with the name of each stage. Of
-    several recordings of the task suite surfaces and delays are those of the first, forces are of all.
+    several recordings of the task suite surfaces are those of the first, forces, faces and delays are of all.
     """
     reasons: dict[str, str] = {}
     tasks, tracks = mask_occlusions(recordings.tasks, recordings.tracks, camera)
@@ -175,7 +175,7 @@ def _diagnose_contact(result: TaskDiagnosis, camera: Camera, panda: PandaModel, 
     surfaces = try_stage("touch", lambda: estimate_surfaces(first, panda))
     lift = surfaces.lift if surfaces is not None else 0.0
     over = camera_over_table(camera, lift)
-    hand_eye = try_stage("meeting", lambda: estimate_hand_eye_offset(first, over))
+    hand_eye = try_stage("meeting", lambda: estimate_hand_eye_offset(tasks, over))
 
     def forces() -> ContactForceResult:
         readings = [reading for task in tasks for reading in read_forces(task, panda, over)]
@@ -188,7 +188,7 @@ def _diagnose_contact(result: TaskDiagnosis, camera: Camera, panda: PandaModel, 
         hand_eye=hand_eye,
         forces=try_stage("force", forces),
         static_scene=try_stage("untouched", lambda: check_static_scene(first, over, lift, result.noise)),
-        latency=try_stage("lag", lambda: estimate_image_latency(first, over)),
+        latency=try_stage("lag", lambda: estimate_image_latency(tasks, over)),
     )
 
 

@@ -34,7 +34,7 @@ def make_trainer(arguments: argparse.Namespace, device: str, number: int, state:
         choose_played_domain(arguments.domain, arguments.object, settings),
         device,
         EnvironmentConfig(
-            worlds=arguments.worlds,
+            worlds=arguments.worlds // distributed.size(),
             seed=arguments.seed,
             limit=settings.limit,
             reward=RewardConfig(**settings.reward),

@@ -7,6 +7,7 @@ two engines, one of which has the finger's shaft touch a tall object before its 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,10 +62,15 @@ class HandEyeOffset:
         return float(np.array([-normal[0], -normal[1], 1.0]) @ self.numbers)
 
 
-def estimate_hand_eye_offset(recording: TaskRecording, camera: Camera = CAMERA) -> HandEyeOffset:
-    """Of the pushes and shoves of a recording. camera: over the table as it was felt, see `seen.over`."""
-    names = (name for family in ("push", "shove") for name in recording.named(family))
-    faces = (_touched_face(recording, name, camera) for name in names)
+def estimate_hand_eye_offset(recordings: Sequence[TaskRecording], camera: Camera = CAMERA) -> HandEyeOffset:
+    """Of the pushes and shoves of recordings of one set-up; objects that lay elsewhere were met from other sides. camera: over the table as it was
+    felt, see `camera_over_table`."""
+    faces = (
+        _touched_face(recording, name, camera)
+        for recording in recordings
+        for family in ("push", "shove")
+        for name in recording.named(family)
+    )
     return offset_from_faces(tuple(face for face in faces if face is not None))
 
 

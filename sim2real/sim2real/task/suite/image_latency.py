@@ -9,6 +9,7 @@ picture's middle row, in the middle of its exposure; how long the rows take is n
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,11 +43,14 @@ class ImageLatency:
     """Why the stage abstains."""
 
 
-def estimate_image_latency(recording: TaskRecording, camera: Camera = CAMERA) -> ImageLatency:
-    """From the slow pushes and shoves of a recording, and from oscillating pushes."""
-    names = [name for family in ("push", "shove") for name in recording.named(family)]
-    pushes = tuple(one for name in names if (one := _track_push(recording, name, camera)))
-    return latency_from_pushes(pushes + find_oscillating_pushes(recording, camera))
+def estimate_image_latency(recordings: Sequence[TaskRecording], camera: Camera = CAMERA) -> ImageLatency:
+    """From the slow pushes and shoves of recordings of one set-up, and from oscillating pushes."""
+    pushes: list[PushedObject] = []
+    for recording in recordings:
+        names = [name for family in ("push", "shove") for name in recording.named(family)]
+        pushes += [one for name in names if (one := _track_push(recording, name, camera))]
+        pushes += find_oscillating_pushes(recording, camera)
+    return latency_from_pushes(tuple(pushes))
 
 
 def latency_from_pushes(pushes: tuple[PushedObject, ...]) -> ImageLatency:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from np_control.dynamics import Dynamics
 from np_description.domains import Task
 from np_description.phases import EXCITE
 from sim2real.excitation.contact_suite.suite import FAMILIES
@@ -52,6 +53,21 @@ def spans_of(log: Log) -> dict[str, tuple[float, float]]:
     ends = [*(at for at, _ in starts[1:]), float(log.time[-1])]
     intervals = zip(starts, ends)
     return {n: (begin, end) for (begin, n), end in intervals if n in FAMILIES or n.rsplit("_", 1)[0] in FAMILIES}
+
+
+def correct_encoders(recording: TaskRecording, bias: np.ndarray) -> TaskRecording:
+    """The recording with the angles (rad) that the joints had, where encoders read so much, bias (7,), too much.
+
+    Torques without gravity lack that of the angles that were read: what this differs from gravity at the true ones is added. Commands stay.
+    """
+    if not np.any(bias):
+        return recording
+    log, gravity = recording.log, Dynamics().gravity
+    position = log.position - bias
+    torque = log.torque
+    if not log.with_gravity:
+        torque = torque + np.array([gravity(read) - gravity(true) for read, true in zip(log.position, position)])
+    return replace(recording, log=replace(log, position=position, torque=torque))
 
 
 class NotATaskSuite(ContractViolation):
