@@ -109,6 +109,15 @@ def test_faces_from_one_side_say_nothing_of_the_picture():
     assert found.verdict == "undetermined"
 
 
+def test_faces_across_which_a_picture_is_off_do_not_say_that_it_is_not():
+    across = (1.5, 1.6, 4.6, 4.75)  # faces along y: what the picture is off in x hardly shows
+    found = judge_meeting(faces(np.array([0.009, 0.0]), 0.0, np.random.default_rng(8), across))
+    assert found.verdict == "undetermined" and found.comparison.unidentifiable == ("x",)
+    assert "in x to" in found.abstention_reason
+    both = judge_meeting(faces(np.array([0.009, 0.0]), 0.0, np.random.default_rng(8), (*across, 0.1, 3.3)))
+    assert both.verdict == "identified"
+
+
 def test_faces_that_no_place_explains_are_unexplained():
     met = faces(np.zeros(2), 0.0, np.random.default_rng(9))
     met = (*met[:2], replace(met[2], gap=0.02), replace(met[3], gap=-0.01), replace(met[4], gap=-0.015))

@@ -170,7 +170,10 @@ def compare_hypotheses(measured: MeasuredChanges) -> HypothesisComparison:
     findings = tuple(_finding(measured, value, best, effect) for effect in sorted(best))
     bounds = {n: s for effect in measured.effects for n, s in measured.estimates(best | {effect}, effect).items()}
     wide = {n: NORMAL_95 * THRESHOLDS.hypotheses.narrowed * g for n, g in zip(measured.names, measured.gap)}
-    unidentifiable = tuple(n for n, v in bounds.items() if (v.high - v.low) / 2 > wide[n] and v.low <= 0 <= v.high)
+    found = {number for effect in best for number in measured.effects[effect]}
+    unidentifiable = tuple(
+        n for n, v in bounds.items() if (v.high - v.low) / 2 > wide[n] and (n not in found or v.low <= 0 <= v.high)
+    )
     if findings:
         verdict = verdict_of(findings)
     else:

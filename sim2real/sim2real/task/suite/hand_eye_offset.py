@@ -94,9 +94,12 @@ def offset_from_faces(faces: tuple[FaceContact, ...]) -> HandEyeOffset:
     covariance = inverse * max(1.0, (residual / OFFSET.face) ** 2) + np.diag([OFFSET.common**2, OFFSET.common**2, 0.0])
     measured = MeasuredChanges(NUMBERS, inverse @ columns.T @ gaps / OFFSET.face**2, covariance, usual, gap, EFFECTS)
     comparison = compare_hypotheses(measured)
-    is_blind = not comparison.findings and len(comparison.unidentifiable) == 2
-    reason = "faces were met from too few sides" if is_blind else ""
-    return HandEyeOffset("undetermined" if is_blind else comparison.verdict, comparison, faces, reason, residual, value)
+    if comparison.findings or not comparison.unidentifiable:
+        return HandEyeOffset(comparison.verdict, comparison, faces, "", residual, value)
+    bounds = {name: comparison.bounds[name] for name in comparison.unidentifiable}
+    known = ", ".join(f"in {name} to {500 * (bound.high - bound.low):.1f} mm" for name, bound in bounds.items())
+    reason = f"faces were met from too few sides: the picture is known {known}; record again with the object elsewhere"
+    return HandEyeOffset("undetermined", comparison, faces, reason, residual, value)
 
 
 def _touched_face(recording: TaskRecording, name: str, camera: Camera) -> FaceContact | None:
