@@ -18,6 +18,7 @@ from sim2real.task.hypotheses import Hypothesis, TaskFinding
 from sim2real.task.object_motion import patch_check as motion
 from sim2real.task.object_motion.patch_check import CheckedPatch, add_helpful_effects, withhold_harmful_effects
 from sim2real.task.object_motion.prediction import estimate_removed_share, prediction_errors
+from sim2real.task.suite.hand_eye_offset import FaceContact, offset_from_faces
 
 from np_blind.task.simulated_lab import SimulatedLab
 from np_description.domains import BUMP
@@ -95,7 +96,20 @@ def test_what_is_added_is_said():
     told = document(diagnose_task(TaskRecordings((), (), ())), [], kept)
     check_schema(told)
     assert told["added"] == [{"effect": "camera_extrinsics", "removed": {"value": 0.5, "ci95": [0.1, 0.9]}}]
-    assert "unexplained: camera_extrinsics. It removes 50 % (10 to 90)" in told["sentence"]
+    assert "not named by itself: camera_extrinsics. It removes 50 % (10 to 90)" in told["sentence"]
+
+
+@pytest.mark.parametrize("off, expected", [((0.003, 0.0), ["x"]), ((0.0, 0.0), []), ((0.02, 0.0), None)])
+def test_a_camera_that_is_off_by_less_than_is_named_is_patched_where_it_helps(off, expected):
+    normals = [np.array([np.cos(a), np.sin(a)]) for a in (0.0, 1.57, 3.14, 4.71)]
+    met = offset_from_faces(tuple(FaceContact("push", n, float(-n @ np.array(off))) for n in normals))
+    doubtful = make_doubtful_patch(TaskDiagnosis((), TaskRecordings((), (), ()), hand_eye=met))
+    if expected:  # a camera that stands elsewhere shows things the other way
+        (one,) = doubtful.effects
+        assert one.effect == "camera_extrinsics" and list(one.parameters) == expected
+        assert one.parameters["x"] == pytest.approx(-0.003, abs=2e-4)
+    else:  # nothing is off, or it is named
+        assert not doubtful.effects and bool(met.comparison.findings) == (expected is None)
 
 
 @pytest.mark.parametrize("verdict, is_sure", [("ambiguous", True), ("unexplained", False)])

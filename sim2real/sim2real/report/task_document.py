@@ -81,7 +81,7 @@ def _withheld(checked: CheckedPatch) -> list[str]:
 
 def _added(checked: CheckedPatch) -> list[str]:
     return [
-        f"In the patch, though its module is unexplained: {effect}. It removes {removed:%} of the simulated object's error in this recording."
+        f"In the patch, though it is not named by itself: {effect}. It removes {removed:%} of the simulated object's error in this recording."
         for effect, removed in checked.added.items()
     ]
 

@@ -214,8 +214,20 @@ def make_patch(diagnosis: TaskDiagnosis) -> Patch:
 
 
 def make_doubtful_patch(diagnosis: TaskDiagnosis) -> Patch:
-    """As `make_patch`, of the modules that are unexplained: what was found there besides."""
-    return _patch([one for one in diagnosis.modules if one.verdict == "unexplained"])
+    """What may help beside `make_patch`: findings of modules that are unexplained, and a camera that is off by less than is named."""
+    found = _patch([one for one in diagnosis.modules if one.verdict == "unexplained"])
+    given = {e.effect for e in (*make_patch(diagnosis).effects, *found.effects)}
+    offset = _unnamed_offset(diagnosis.hand_eye)
+    if not offset or "camera_extrinsics" in given:
+        return found
+    return Patch((*found.effects, PatchEffect("camera_extrinsics", "camera", offset)))
+
+
+def _unnamed_offset(hand_eye: HandEyeOffset | None) -> dict[str, float]:
+    """m by which the camera stands elsewhere, by axis, where that is not named and its interval leaves zero out."""
+    if hand_eye is None or hand_eye.comparison is None or hand_eye.comparison.findings:
+        return {}
+    return {n: -v.value for n, v in hand_eye.comparison.bounds.items() if not v.low <= 0 <= v.high}
 
 
 def _patch(modules: Sequence[ModuleResult]) -> Patch:

@@ -1,5 +1,5 @@
 """What of a patch is given: an effect that makes the object's motion surely worse, in the recordings that named it, is withheld. One of a
-module that stays unexplained is given only if it makes that motion surely better."""
+module that stays unexplained, or too small to be named, is given only if it makes that motion surely better."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class CheckedPatch:
     withheld: dict[str, ValueWithInterval]
     """Share of the motion error that each withheld effect removes, below 0."""
     added: dict[str, ValueWithInterval] = field(default_factory=dict)
-    """Share of the motion error that each effect of an unexplained module removes, above 0."""
+    """Share of the motion error that each effect that was not named by itself removes, above 0."""
 
 
 def check_patch(
