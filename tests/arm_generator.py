@@ -1,6 +1,6 @@
-"""An arm with a known gap, for tests of the doctor.
+"""An arm with a known gap, for tests of the diagnosis.
 
-The doctor uses Pinocchio, Gaussian derivatives and tanh. This uses MuJoCo's Newton-Euler recursion on an
+The diagnosis uses Pinocchio, Gaussian derivatives and tanh. This uses MuJoCo's Newton-Euler recursion on an
 analytic motion, and friction as an elastoplastic bristle in time, so that both cannot share a mistake.
 """
 

@@ -23,7 +23,7 @@ PER_AMPERE = np.array([11.0, 12.0, 10.5, 7.5, 8.0, 7.0])
 @dataclass(frozen=True)
 class Truth:
     """What the real arm has besides the nominal one: friction Nm by joint number, damping Nms/rad likewise, payload kg at the
-    tool; error: share by which the links are heavier, which no doctor is told; rotors: whether it has the
+    tool; error: share by which the links are heavier, which no diagnosis is given; rotors: whether it has the
     model's, which a URDF cannot state."""
 
     friction: tuple[tuple[int, float], ...] = ()

@@ -43,7 +43,7 @@ def check_hash(key: str, path: Path = KEYS) -> str:
     if known is None:
         raise SealError(
             f"{path}: expected the hash of key {' '.join(map(str, name))}, put down (--seal) and "
-            "committed before the doctor runs; it is not there"
+            "committed before the diagnosis runs; it is not there"
         )
     if known != found:
         raise SealError(_mismatch(path, *name, known, found))
@@ -60,11 +60,11 @@ def check_diagnosis_code(out: Path, is_locked: bool) -> str:
         root = Path(str(files(package)))
         for path in sorted(root.rglob("*.py")):
             code.update(path.relative_to(root.parent).as_posix().encode() + path.read_bytes())
-    found, note = code.hexdigest(), out / "doctor.sha256"
+    found, note = code.hexdigest(), out / "diagnosis.sha256"
     known = note.read_text().strip() if note.exists() else found
     if is_locked and known != found:
         raise SealError(
-            f"{out}: expected the doctor with SHA-256 {known} that gave the answers there, got {found}: "
+            f"{out}: expected the diagnosis with SHA-256 {known} that gave the answers there, got {found}: "
             "its code has changed since; name another --out"
         )
     note.write_text(found + "\n")

@@ -44,10 +44,10 @@ KEYS = {
 }
 
 
-def diagnose_set(out, cases, doctor):
+def diagnose_set(out, cases, command):
     """A set of arms with one motion each, diagnosed by a command."""
     options = f"--cases {cases} --set development --only sinusoid_7".split()
-    return blind.main([*options, "--out", str(out), "--doctor", doctor])
+    return blind.main([*options, "--out", str(out), "--diagnosis", command])
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_no_ros_no_mujoco_and_no_pinocchio_is_needed():
     assert done.stdout.strip() == "[]"
 
 
-def test_the_command_scores_the_doctor(tmp_path):
+def test_the_command_scores_the_diagnosis(tmp_path):
     command = [
         sys.executable,
         "-m",
@@ -104,7 +104,7 @@ def test_the_command_scores_the_doctor(tmp_path):
         *ONLY,
         "--out",
         str(tmp_path / "run"),
-        "--doctor",
+        "--diagnosis",
         f"{sys.executable} -m sim2real.cli.diagnose --quick",
     ]
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
@@ -134,11 +134,11 @@ def test_a_case_whose_arm_runs_away_is_published_as_an_error(tmp_path, monkeypat
     monkeypatch.setattr(generate, "make_physics", one_unstable)
     monkeypatch.setattr(blind, "workers", ThreadPoolExecutor)
     answer = '{"verdict": "no_gap", "effects": [], "where": []}'
-    doctor = (
+    command = (
         "import pathlib, sys; out = pathlib.Path(sys.argv[-1]); "
         f"(out / 'report.json').write_text({answer!r}); (out / 'patch.yaml').write_text('effects: []')"
     )
-    assert diagnose_set(tmp_path, 3, shlex.join([sys.executable, "-c", doctor])) == 0
+    assert diagnose_set(tmp_path, 3, shlex.join([sys.executable, "-c", command])) == 0
     results = json.loads((tmp_path / "results.json").read_text())
     errors = [case["error"] for case in results["cases"]]
     assert errors[0] == errors[2] == "" and errors[1].startswith("no recording: the arm ran away after")
@@ -148,21 +148,21 @@ def test_a_case_whose_arm_runs_away_is_published_as_an_error(tmp_path, monkeypat
 def test_a_locked_key_that_was_not_sealed_is_refused(tmp_path):
     options = ["--cases", "3", "--seed", "987", "--out", str(tmp_path / "run")]
     done = subprocess.run([sys.executable, "-m", "np_blind.arm.set", *options], capture_output=True, text=True)
-    assert done.returncode == 1 and "put down (--seal) and committed before the doctor runs" in done.stderr
+    assert done.returncode == 1 and "put down (--seal) and committed before the diagnosis runs" in done.stderr
     assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.slow
-def test_a_second_run_goes_on_and_a_doctor_that_crashes_fails_its_own_case_only(tmp_path, monkeypatch):
+def test_a_second_run_goes_on_and_a_diagnosis_that_crashes_fails_its_own_case_only(tmp_path, monkeypatch):
     monkeypatch.setattr(blind, "workers", ThreadPoolExecutor)
     answer = '{"verdict": "no_gap", "effects": [], "where": []}'
-    doctor = (
+    command = (
         "import pathlib, sys; out = pathlib.Path(sys.argv[-1]); print(out.name); "
         "assert not (out / 'report.json').exists() and 'case_001' not in out.name, 'fell over'; "
         f"(out / 'report.json').write_text({answer!r}); (out / 'patch.yaml').write_text('effects: []')"
     )
     for _ in range(2):  # the diagnosis would fail if it were run again
-        assert diagnose_set(tmp_path, 3, shlex.join([sys.executable, "-c", doctor])) == 0
+        assert diagnose_set(tmp_path, 3, shlex.join([sys.executable, "-c", command])) == 0
         results = json.loads((tmp_path / "results.json").read_text())
         assert [bool(case["error"]) for case in results["cases"]] == [False, True, False]
     assert "fell over" in results["cases"][1]["error"] and 1 in results["failures"]
@@ -185,21 +185,21 @@ def test_a_recording_that_cannot_be_made_fails_its_own_case_only(tmp_path, monke
 
 
 @pytest.mark.parametrize("which", ["locked", "locked_changes"])
-def test_a_sealed_set_is_not_begun_where_the_doctor_does_not_start(which, tmp_path, monkeypatch):
+def test_a_sealed_set_is_not_begun_where_the_diagnosis_does_not_start(which, tmp_path, monkeypatch):
     monkeypatch.setattr(rehearsal, "MOTIONS", ("sinusoid_7",))
     asking = DiagnosisJob(tmp_path, shlex.join([sys.executable, "-c", "import no_such_package"]), 60.0)
     with pytest.raises(SealError, match="no_such_package"):
         rehearsal.check_diagnosis_runs(which, 600, asking, workers)
     assert not list(tmp_path.iterdir())
     rehearsal.check_diagnosis_runs(
-        which, 600, replace(asking, doctor=shlex.join([sys.executable, "-c", "print(1)"])), workers
+        which, 600, replace(asking, diagnosis=shlex.join([sys.executable, "-c", "print(1)"])), workers
     )
 
 
-def test_a_locked_run_in_parts_is_of_one_doctor(tmp_path):
+def test_a_locked_run_in_parts_is_of_one_diagnosis(tmp_path):
     assert len(check_diagnosis_code(tmp_path, is_locked=True)) == 64
-    assert check_diagnosis_code(tmp_path, is_locked=True) == (tmp_path / "doctor.sha256").read_text().strip()
-    (tmp_path / "doctor.sha256").write_text("0" * 64)
+    assert check_diagnosis_code(tmp_path, is_locked=True) == (tmp_path / "diagnosis.sha256").read_text().strip()
+    (tmp_path / "diagnosis.sha256").write_text("0" * 64)
     with pytest.raises(SealError, match="its code has changed since"):
         check_diagnosis_code(tmp_path, is_locked=True)
     check_diagnosis_code(tmp_path, is_locked=False)

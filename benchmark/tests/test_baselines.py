@@ -92,7 +92,7 @@ def test_a_command_that_takes_too_long_is_ended(tmp_path):
 
 
 @pytest.mark.slow
-def test_figures_have_the_doctors_keys_and_stand_beside_them(tmp_path):
+def test_figures_have_the_diagnosis_keys_and_stand_beside_them(tmp_path):
     count = 3
     key, cases = json.loads(make_key(count, 1, "development")), draw_cases(count, 1, "development")
     folders = [tmp_path / f"case_{k}" for k in range(count)]
@@ -112,8 +112,8 @@ def test_figures_have_the_doctors_keys_and_stand_beside_them(tmp_path):
     figures = {**summary(scores), "baselines": beside}
     assert json.loads(json.dumps(figures)) == figures
     table = figures_table(figures, scores)
-    assert "| figure | doctor | none | paper | sysid_3 | sysid_6 |" in table and "s a case" in table
-    assert "doctor |" not in figures_table(summary(scores), scores)
+    assert "| figure | diagnosis | none | paper | sysid_3 | sysid_6 |" in table and "s a case" in table
+    assert "diagnosis |" not in figures_table(summary(scores), scores)
 
 
 def test_cases_that_were_run_without_baselines_are_named(tmp_path):

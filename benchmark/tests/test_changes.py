@@ -118,9 +118,9 @@ def test_a_key_says_what_an_arm_always_had_and_scores_are_of_the_change():
     assert all(text in table for _, text, _ in GOALS_OF_CHANGES) and "held-out" not in table
 
 
-def test_the_doctor_is_shown_both_days(tmp_path, monkeypatch):
+def test_the_diagnosis_is_shown_both_days(tmp_path, monkeypatch):
     monkeypatch.setattr(blind, "workers", ThreadPoolExecutor)
-    doctor = (
+    diagnosis = (
         "import json, pathlib, sys; new, option, old, _, out = sys.argv[1:]; out = pathlib.Path(out); "
         "assert option == '--reference' and new != old; "
         "assert all((pathlib.Path(bag) / 'metadata.yaml').exists() for bag in (new, old)); "
@@ -128,7 +128,7 @@ def test_the_doctor_is_shown_both_days(tmp_path, monkeypatch):
         "(out / 'patch.yaml').write_text('effects: []')"
     )
     command = ["--cases", "2", "--seed", str(600), "--set", WHICH, "--only", "sinusoid_7", "--keep"]
-    command += ["--out", str(tmp_path), "--doctor", shlex.join([sys.executable, "-c", doctor])]
+    command += ["--out", str(tmp_path), "--diagnosis", shlex.join([sys.executable, "-c", diagnosis])]
     assert blind.main(command) == 0
     results = json.loads((tmp_path / "results.json").read_text())
     assert results["figures"]["errors"] == 0 and results["figures"]["false_alarm"] == 0.0

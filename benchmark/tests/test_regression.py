@@ -58,7 +58,7 @@ def test_results_of_two_keys_are_not_compared(tmp_path, capsys):
     paths = []
     for name, key in (("a", "1" * 64), ("b", "2" * 64)):
         paths.append(tmp_path / name)
-        figures = {"key_sha256": key, "doctor_sha256": "d", "seed": 1}
+        figures = {"key_sha256": key, "diagnosis_sha256": "d", "seed": 1}
         paths[-1].write_text(json.dumps({"figures": figures, "cases": []}))
     with pytest.raises(SystemExit):
         regression.main([*map(str, paths), "--out", str(tmp_path / "out.json")])

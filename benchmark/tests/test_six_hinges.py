@@ -36,7 +36,7 @@ def short(monkeypatch):
 
 @settings(deadline=None, max_examples=30)
 @given(states, states)
-def test_rigid_body_terms_are_mujocos_of_the_model_that_the_doctor_is_given(q, dq):
+def test_rigid_body_terms_are_mujocos_of_the_model_that_the_diagnosis_is_given(q, dq):
     arm = six_hinges.chain()
     matrix, velocity, weight = RigidArms(arm.inertials(1), arm.joint_frames).terms(q[None], dq[None])
     data, mass = mujoco.MjData(MODEL), np.zeros((6, 6))
@@ -111,16 +111,16 @@ def test_an_arm_that_runs_away_leaves_the_others(short, tmp_path):
     assert np.isfinite(np.load(tmp_path / "b" / six_motion.FILE)["tau_J_Nm"]).all()
 
 
-def test_the_doctor_is_given_the_model_and_both_days(short, tmp_path, monkeypatch):
+def test_the_diagnosis_is_given_the_model_and_both_days(short, tmp_path, monkeypatch):
     monkeypatch.setattr(blind, "workers", ThreadPoolExecutor)
-    doctor = (
+    diagnosis = (
         "import json, pathlib, sys; new, _, old, option, model, _, out = sys.argv[1:]; out = pathlib.Path(out); "
         "assert option == '--model' and model.endswith('six_hinges.xml') and new.endswith('.npz') and new != old; "
         "(out / 'report.json').write_text(json.dumps({'verdict': 'no_gap', 'effects': [], 'where': []})); "
         "(out / 'patch.yaml').write_text('effects: []')"
     )
     command = ["--cases", "2", "--seed", str(600), "--set", WHICH, "--keep", "--out", str(tmp_path)]
-    assert blind.main([*command, "--doctor", shlex.join([sys.executable, "-c", doctor])]) == 0
+    assert blind.main([*command, "--diagnosis", shlex.join([sys.executable, "-c", diagnosis])]) == 0
     figures = json.loads((tmp_path / "results.json").read_text())["figures"]
     assert figures["errors"] == 0 and figures["cases"] == 2 and figures["set"] == WHICH
     assert recording_path(reference_path(tmp_path, 1)).exists()

@@ -189,7 +189,7 @@ def test_where_corrections_are_all_the_oracle_takes_no_training(tmp_path, monkey
     assert "error" not in row and row["engine"]["oracle"] == row["engine"]["corrected"]
 
 
-def test_a_recording_is_what_the_doctor_reads():
+def test_a_recording_is_what_the_diagnosis_reads():
     from sim2real.arm.model import panda
     from sim2real.checks.plausibility import check_plausibility
 

@@ -172,7 +172,7 @@ def test_the_gains_of_an_experiment_hold_from_its_first_state_on(tmp_path):
 
 def test_a_backend_that_does_not_run_is_missed_aloud_and_soon(tmp_path, graph, monkeypatch, capsys):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(graph.domain_id))
-    monkeypatch.setattr("np_diagnosis.nodes.excite_node.TOLD_EVERY", 0.0)
+    monkeypatch.setattr("np_diagnosis.nodes.excite_node.PROGRESS_EVERY", 0.0)
     assert command.RUNNING_TIMEOUT == 20.0
     monkeypatch.setattr(command, "RUNNING_TIMEOUT", 1.0)
     options = ["--backend", "running", "--mode", "realtime", "--out", tmp_path / "bag", "--logs", tmp_path / "log"]
@@ -184,13 +184,13 @@ def test_a_backend_that_does_not_run_is_missed_aloud_and_soon(tmp_path, graph, m
 
 
 def test_joint_states_of_another_arm_are_refused_by_name(graph, probe, monkeypatch):
-    monkeypatch.setattr("np_diagnosis.nodes.excite_node.TOLD_EVERY", 0.05)
+    monkeypatch.setattr("np_diagnosis.nodes.excite_node.PROGRESS_EVERY", 0.05)
     names = [name.replace("panda", "fr3") for name in STATE_NAMES]
     states = probe.advertise("joint_states", JointState, publisher(False))
     state = joint_state_message(0, names, *np.zeros((3, len(names))))
     with Exciter(graph, lockstep=False) as exciter:
         with pytest.raises(GraphError, match="joint_states: .*expected .*panda_joint1.*got .*fr3_joint1.*graph.md"):
-            exciter.wait_until_ready(set(), tell=lambda _: states.publish(state))
+            exciter.wait_until_ready(set(), show=lambda _: states.publish(state))
 
 
 def test_a_backend_that_stops_ends_the_experiment_with_the_reason(tmp_path, graph, probe):

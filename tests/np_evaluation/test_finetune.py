@@ -159,7 +159,7 @@ class TestStages:
             FinetuneSettings(RolloutCell("wall"), tmp_path, None, 10, 10), Patch(), Learning(1.0), Here()
         )
         assert told["weights"] is None and told["cause"] is None and told["success_before"] is None
-        assert sentence(told) == "The doctor found no gap: there is nothing to train for."
+        assert sentence(told) == "The diagnosis found no gap: there is nothing to train for."
 
     def test_what_training_does_not_have_is_left_out_of_it_in_words(self):
         patch, left = split_trainable(Patch((CAMERA, TABLE)))
@@ -216,7 +216,7 @@ class TestStages:
     def test_a_diagnosis_is_of_its_own_recordings(self, tmp_path, monkeypatch):
         asked = []
 
-        def ask(doctor, bags, out, options=()):
+        def ask(module, bags, out, options=()):
             asked.append(bags)
             if "bag_0" in bags[0]:
                 raise OSError("diagnose refuses")

@@ -1,4 +1,4 @@
-"""Patches of the gap doctor in the batched simulator."""
+"""Patches of the diagnosis in the batched simulator."""
 
 import dataclasses
 import json

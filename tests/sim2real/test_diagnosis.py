@@ -1,4 +1,4 @@
-"""The doctor against arms of known and of unknown gap."""
+"""The diagnosis against arms of known and of unknown gap."""
 
 import os
 import re

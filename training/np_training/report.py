@@ -92,7 +92,7 @@ def write_report(run: TrainingRun, path: Path) -> None:
     videos = [(file.stem, base64.b64encode(file.read_bytes()).decode()) for file in run.videos]
     config = json.dumps(run.config, indent=1)
     text = page(
-        "np_training", run=run, curves=svg(draw_curves(run.rows)), videos=videos, config=config, said=task_label
+        "np_training", run=run, curves=svg(draw_curves(run.rows)), videos=videos, config=config, label=task_label
     )
     path.write_text(text, encoding="utf-8")
 

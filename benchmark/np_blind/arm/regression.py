@@ -110,7 +110,7 @@ def main(arguments: list[str] | None = None) -> int:
                 "set": new.get("set", "locked"),
                 "seed": new["seed"],
                 "cases": sorted(seen),
-                "doctors": [old.get("doctor_sha256"), new["doctor_sha256"]],
+                "codes": [old.get("diagnosis_sha256"), new["diagnosis_sha256"]],
                 "share_of_true_faults": shares,
                 "errors": [sum(bool(s.error) for s in scores if s.case in seen) for scores in (former, now)],
                 "figures": compare(former, now),

@@ -32,7 +32,7 @@ from np_blind.sealed import SealError, check_diagnosis_code, check_hash, digest
 from np_common.cli import Parser
 from np_common.parallel import workers
 
-DOCTOR = f"{shlex.quote(sys.executable)} -m sim2real.cli.diagnose"
+DIAGNOSIS = f"{shlex.quote(sys.executable)} -m sim2real.cli.diagnose"
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -44,7 +44,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--seal", action="store_true", help="only put down the key's hash, to be committed")
     parser.add_argument("--keep", action="store_true", help="keep the bags")
-    parser.add_argument("--doctor", default=DOCTOR, help="command that is given BAG [--reference BAG] --out FOLDER")
+    parser.add_argument(
+        "--diagnosis", default=DIAGNOSIS, help="command that is given BAG [--reference BAG] --out FOLDER"
+    )
     parser.add_argument(
         "--baselines",
         action="store_true",
@@ -108,11 +110,11 @@ def main(arguments: list[str] | None = None) -> int:
         is_locked = options.which.startswith("locked")
         sealed = check_hash(key) if is_locked else digest(key)
         options.out.mkdir(parents=True, exist_ok=True)
-        doctor = check_diagnosis_code(options.out, is_locked)
+        code = check_diagnosis_code(options.out, is_locked)
         cases = draw_cases(options.cases, options.seed, options.which)
         asking = DiagnosisJob(
             options.out.resolve(),
-            options.doctor,
+            options.diagnosis,
             options.timeout,
             options.keep,
             options.identify if options.baselines else "",
@@ -139,7 +141,7 @@ def main(arguments: list[str] | None = None) -> int:
         "set": options.which,
         "seed": options.seed,
         "key_sha256": sealed,
-        "doctor_sha256": doctor,
+        "diagnosis_sha256": code,
         **({"baselines": beside} if beside else {}),
         "wall_s": round(time.monotonic() - began, 1),
     }

@@ -145,14 +145,14 @@ def _evaluate(row: dict, keep: Callable[[], None], robot: Robot, config, nominal
         keep()
         believed = succeeds(nominal.result()[f"{robot.domain}_physx"])
 
-        def tell(result: dict) -> None:
+        def on_result(result: dict) -> None:
             row.update({name: result[name] for name in RESULT_KEYS})
             row["engine"] = {**row.get("engine", {}), "nominal": believed, "before": result["played"]["reality"]}
             row["took_s"] = result["wall_s"]
             keep()
 
         try:
-            what = _finetuning(robot, config, config.out / robot.folder, tell)
+            what = _finetuning(robot, config, config.out / robot.folder, on_result)
             result = run_finetune(what, patch, config.how, pool, gpus)
             row["engine"] |= _after(result)
             keep()
@@ -197,8 +197,8 @@ def reality_of(robot: Robot) -> RolloutCell:
     return RolloutCell(robot.domain, "physx", text_of(robot.patch), seed=TASKS)
 
 
-def _finetuning(robot: Robot, config: EvaluationConfig, folder: Path, tell=None) -> FinetuneSettings:
-    """In a folder, to which episodes are copied that were played already: the nominal robot is the same for all. tell: None for the oracle,
+def _finetuning(robot: Robot, config: EvaluationConfig, folder: Path, on_result=None) -> FinetuneSettings:
+    """In a folder, to which episodes are copied that were played already: the nominal robot is the same for all. on_result: None for the oracle,
     whose effects are not blamed."""
     (folder / "episodes").mkdir(parents=True, exist_ok=True)
     known = {
@@ -214,10 +214,10 @@ def _finetuning(robot: Robot, config: EvaluationConfig, folder: Path, tell=None)
         folder,
         reality_of(robot),
         config.episodes,
-        config.share_episodes if tell else 0,
-        name=f"{robot.folder} " if tell else f"{robot.folder} oracle ",
+        config.share_episodes if on_result else 0,
+        name=f"{robot.folder} " if on_result else f"{robot.folder} oracle ",
         beside=True,
-        tell=tell or (lambda result: None),
+        on_result=on_result or (lambda result: None),
         is_over=config.interrupted.is_set,
     )
 

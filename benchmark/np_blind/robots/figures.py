@@ -13,7 +13,7 @@ from np_evaluation.finetune.shapley_values import mean_and_interval
 
 LEAST_LOSS = 0.05  # of success, below which there is nothing to return
 STAGES = {"patched": "before", "patched_corrected": "corrected", "patched_after": "after"}
-"""What the patched simulator foretells of a robot, and what it is called in PhysX."""
+"""What the patched simulator predicts of a robot, and what it is called in PhysX."""
 
 
 def figures(rows: Sequence[Mapping]) -> dict:
@@ -59,11 +59,11 @@ def named_top(row: Mapping) -> bool:
 def cost_pairs(row: Mapping, kind: str = "score", real: str = "ablation") -> list[tuple[float, float]]:
     """(cost by the rehearsal, cost in PhysX) of each true effect; one that was not found costs nothing. kind, real: which
     of the figures of either."""
-    said: dict[str, float] = {}
+    costs: dict[str, float] = {}
     for name, cost in row["costs"].items():
         effect = name.partition(" at ")[0]
-        said[effect] = said.get(effect, 0.0) + cost.get(kind, cost)["value"]
-    return [(said.get(effect, 0.0), cost) for effect, cost in row[real].items()]
+        costs[effect] = costs.get(effect, 0.0) + cost.get(kind, cost)["value"]
+    return [(costs.get(effect, 0.0), cost) for effect, cost in row[real].items()]
 
 
 def _has_new(row: Mapping) -> bool:
@@ -85,14 +85,14 @@ def _share(row: Mapping, after: str, of: str = "nominal", numbers: Sequence[int]
 
 def _returns(rows: Sequence[Mapping], after: str, of: str = "nominal") -> dict:
     """Median share over robots, with its 95 % interval by the bootstrap over robots and the pairs of each."""
-    told = _median([_share(row, after, of) for row in rows])
+    result = _median([_share(row, after, of) for row in rows])
     if len(rows) < ENOUGH:
-        return told
+        return result
     rng, medians = np.random.default_rng(0), []
     for _ in range(DRAWS):
         some = (rows[i] for i in rng.integers(len(rows), size=len(rows)))
         medians.append(np.median([_share(row, after, of, _drawn(rng, row)) for row in some]))
-    return {**told, "ci95": np.quantile(medians, [0.025, 0.975]).tolist()}
+    return {**result, "ci95": np.quantile(medians, [0.025, 0.975]).tolist()}
 
 
 def _drawn(rng: np.random.Generator, row: Mapping) -> np.ndarray:
@@ -122,30 +122,30 @@ def _rank(pairs: Sequence[tuple[float, float]]) -> dict:
     both = np.array(pairs, float).reshape(-1, 2)
     if len(both) <= 2 or not np.ptp(both, axis=0).all():
         return {"value": None, "of": len(both)}
-    told = {"value": float(spearmanr(*both.T).statistic), "of": len(both)}
+    result = {"value": float(spearmanr(*both.T).statistic), "of": len(both)}
     if len(both) < ENOUGH:
-        return told
+        return result
     drawn = (both[rows] for rows in np.random.default_rng(0).integers(len(both), size=(DRAWS, len(both))))
     found = [spearmanr(*some.T).statistic for some in drawn if np.ptp(some, axis=0).all()]
     low, high = np.quantile(found, [0.025, 0.975])
-    return {**told, "ci95": [float(low), float(high)]}
+    return {**result, "ci95": [float(low), float(high)]}
 
 
 def prediction_of_stages(rows: Sequence[Mapping]) -> dict:
-    """What the patched simulator foretells of robots as they are, corrected, and with new policies, beside PhysX."""
+    """What the patched simulator predicts of robots as they are, corrected, and with new policies, beside PhysX."""
     own = []
     for row in rows:
         pairs = [
-            (row["success"][told]["value"], float(np.mean(row["engine"][real])))
-            for told, real in STAGES.items()
-            if told in row.get("success", {}) and row["engine"].get(real)
+            (row["success"][predicted]["value"], float(np.mean(row["engine"][real])))
+            for predicted, real in STAGES.items()
+            if predicted in row.get("success", {}) and row["engine"].get(real)
         ]
         own += [np.array(pairs)] if pairs else []
     found = prediction_figures(own) if own else {}
-    said = {"r": "r of stages", "mean_absolute_error": "mean error of stages", "mmrv": "MMRV of stages"}
+    texts = {"r": "r of stages", "mean_absolute_error": "mean error of stages", "mmrv": "MMRV of stages"}
     count = sum(map(len, own))
     return {
         text: {"value": found.get(name), "of": count}
         | ({"ci95": found[f"{name}_ci95"]} if f"{name}_ci95" in found else {})
-        for name, text in said.items()
+        for name, text in texts.items()
     }

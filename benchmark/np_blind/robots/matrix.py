@@ -189,14 +189,14 @@ def main(arguments: list[str] | None = None) -> int:
     interrupt_on_sigterm()
     os.environ.update(SINGLE_THREAD)
     try:
-        told = {"policies": prepare(options.policies)} if options.prepare else play(options)
+        summary = {"policies": prepare(options.policies)} if options.prepare else play(options)
     except KeyboardInterrupt:
         print("interrupted; cells that are finished are kept", file=sys.stderr)
         return INTERRUPTED
     except (OSError, ValueError, WeightsError) as error:
         print(f"robots.matrix: {error}", file=sys.stderr)
         return 1
-    print(json.dumps(told))
+    print(json.dumps(summary))
     return 0
 
 

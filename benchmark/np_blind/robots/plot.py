@@ -1,4 +1,4 @@
-"""Pictures of withheld robots: success in PhysX before and after, and what the simulator foretold of it. Need matplotlib, else ImportError."""
+"""Pictures of withheld robots: success in PhysX before and after, and what the simulator predicted of it. Need matplotlib, else ImportError."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def plot_robots(rows: Sequence[Mapping], path: Path) -> None:
         axes.errorbar(at, share, error, fmt="o", ms=4, lw=1, color=colour, label=label)
         if name == "nominal":
             continue
-        told = ["patched" if name == "before" else OF_KEPT[row["kept"]] for row in done]
-        expected = [row["success"][key]["value"] for row, key in zip(done, told)]
-        axes.plot(at, expected, "x", ms=6, color=colour, label=f"{label}, as foretold")
+        stages = ["patched" if name == "before" else OF_KEPT[row["kept"]] for row in done]
+        expected = [row["success"][key]["value"] for row, key in zip(done, stages)]
+        axes.plot(at, expected, "x", ms=6, color=colour, label=f"{label}, as predicted")
     axes.set_xticks(range(len(done)), [f"{row['robot']}\n{row['domain']}" for row in done])
     axes.set(xlabel="robot", ylabel="success in PhysX", ylim=(0, 1.03))
     axes.legend(fontsize=7, loc="lower left", ncols=3)
@@ -48,7 +48,7 @@ def plot_matrix(table: Sequence[Mapping], path: Path) -> None:
             pairs = np.array([(row[side], row["engine"]) for row in table if row["domain"] == domain]).reshape(-1, 2)
             axes.plot(*pairs.T, "o", ms=4, alpha=0.5, color=colour, label=domain)
         axes.plot([0, 1], [0, 1], lw=0.7, color="gray")
-        axes.set(title=f"{side} simulator", xlabel="success foretold", aspect="equal")
+        axes.set(title=f"{side} simulator", xlabel="success predicted", aspect="equal")
     figure.axes[0].set_ylabel("success in PhysX")
     figure.axes[0].legend(fontsize=7)
     figure.savefig(path)

@@ -1,4 +1,4 @@
-"""How well success that was foretold is that which came: Pearson's r, MMRV, the mean error, with intervals over robots."""
+"""How well success that was predicted is that which came: Pearson's r, MMRV, the mean error, with intervals over robots."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ def mmrv(predicted: Sequence[float], real: Sequence[float]) -> float:
 
 def prediction_figures(own: Sequence[np.ndarray]) -> dict:
     """`r` and `mean_absolute_error` over all pairs, `mmrv` in the mean over robots; where these are enough, `_ci95` of each by the bootstrap over
-    robots. own: of each robot (n, 2) success foretold, and measured."""
+    robots. own: of each robot (n, 2) success predicted, and measured."""
 
     violations = [mmrv(*pairs.T) for pairs in own]
-    found = _told(own, violations)
+    found = _figures(own, violations)
     if len(own) < ENOUGH:
         return found
     some = np.random.default_rng(0).integers(len(own), size=(DRAWS, len(own)))
-    drawn = [_told([own[i] for i in these], [violations[i] for i in these]) for these in some]
+    drawn = [_figures([own[i] for i in these], [violations[i] for i in these]) for these in some]
     return found | {f"{name}_ci95": _quantiles(drawn, name, (0.025, 0.975)) for name in found}
 
 
@@ -48,7 +48,7 @@ def exact_prediction_figures(own: Sequence[np.ndarray], episodes: int) -> dict:
     drawn = []
     for _ in range(DRAWS):
         anew = [random.binomial(episodes, p) / episodes for p in rates]
-        drawn.append(_told(anew, [mmrv(*pairs.T) for pairs in anew]))
+        drawn.append(_figures(anew, [mmrv(*pairs.T) for pairs in anew]))
     found = {}
     for name in drawn[0]:
         low, median, high = _quantiles(drawn, name, (0.025, 0.5, 0.975)) or (None,) * 3
@@ -56,12 +56,12 @@ def exact_prediction_figures(own: Sequence[np.ndarray], episodes: int) -> dict:
     return found
 
 
-def _told(own: Sequence[np.ndarray], violations: Sequence[float]) -> dict:
+def _figures(own: Sequence[np.ndarray], violations: Sequence[float]) -> dict:
     whole = np.concatenate(own)
     error = float(np.abs(whole[:, 0] - whole[:, 1]).mean())
     return {"r": pearson(*whole.T), "mean_absolute_error": error, "mmrv": float(np.mean(violations))}
 
 
 def _quantiles(drawn: Sequence[dict], name: str, of: Sequence[float]) -> list[float] | None:
-    known = [told[name] for told in drawn if told[name] is not None]
+    known = [figures[name] for figures in drawn if figures[name] is not None]
     return np.quantile(known, of).tolist() if known else None

@@ -47,10 +47,10 @@ def record_arm(patch: Patch, seed: int, engine: MakeEngine, only: tuple[str, ...
             phases.append((now.stamp / SECOND, PhaseState(EXCITE, experiment=plan[sent].name)))
             controller.follow(plan[sent].trajectory, now.stamp, plan[sent].gains)
             gains, sent = plan[sent].gains, sent + 1
-        said = controller.answer()
+        command = controller.answer()
         states.append((q, dq, now.effort[:7] + TORQUE_NOISE * rng.standard_normal(7)))
-        answers.append((said.position, said.velocity, said.torque, *gains))
-        guard.offer(now.stamp, JOINT_NAMES, said.position, said.velocity, said.torque, now=now.stamp)
+        answers.append((command.position, command.velocity, command.torque, *gains))
+        guard.offer(now.stamp, JOINT_NAMES, command.position, command.velocity, command.torque, now=now.stamp)
         arm.step(guard.apply(now.stamp, q, dq).torque)
     q, dq, effort = (np.array(column) for column in zip(*states))
     target, velocity, torque, stiffness, ratio = (np.array(column) for column in zip(*answers))
@@ -89,11 +89,11 @@ def diagnose_robot(log: Log | None, tasks: Sequence[TaskRecording]) -> tuple[Pat
     seen = TaskRecordings(tuple(tasks), tuple(task.track for task in tasks), rests)
     chain = diagnose_chain(seen, panda=found.panda())
     kept = check_patch(tasks, chain, panda=found.panda())
-    told = {
+    verdicts = {
         "arm": verdict,
         "chain": chain.verdict,
         "rows": {row.module: row.verdict for row in chain.modules},
         "doubts": chain.abstention_reasons,
         "not_patched": [*left_out, *kept.withheld],
     }
-    return Patch((*found.effects, *kept.patch.effects)), told
+    return Patch((*found.effects, *kept.patch.effects)), verdicts

@@ -81,7 +81,7 @@ def evaluate(options: argparse.Namespace) -> dict:
     is_locked = options.seed >= LOCKED_FROM
     sealed = check_hash(key) if is_locked else digest(key)
     options.out.mkdir(parents=True, exist_ok=True)
-    doctor = check_diagnosis_code(options.out, is_locked)
+    code = check_diagnosis_code(options.out, is_locked)
     there = list_gpus()
     gpu = there[0] if there else None
     training = Learning(options.minutes, gpu, options=tuple(options.train)) if options.minutes > 0 else None
@@ -98,7 +98,7 @@ def evaluate(options: argparse.Namespace) -> dict:
         "seed": options.seed,
         "drawn": options.robots,
         "key_sha256": sealed,
-        "doctor_sha256": doctor,
+        "diagnosis_sha256": code,
         **origin(),
         "episodes": options.episodes,
         "share_episodes": options.share_episodes,
@@ -131,14 +131,14 @@ def main(arguments: list[str] | None = None) -> int:
     interrupt_on_sigterm()
     os.environ.update(SINGLE_THREAD)  # of the processes that are started: an episode has a core
     try:
-        told = seal(options) if options.seal else evaluate(options)
+        summary = seal(options) if options.seal else evaluate(options)
     except KeyboardInterrupt:
         print("interrupted; what is finished is kept, the same command goes on with the rest", file=sys.stderr)
         return INTERRUPTED
     except (SealError, OSError, ValueError) as error:
         print(f"robots.set: {error}", file=sys.stderr)
         return 2 if isinstance(error, SealError) else 1
-    print(json.dumps(told))
+    print(json.dumps(summary))
     return 0
 
 

@@ -150,21 +150,21 @@ def _intervals(case: TaskCase, found: TaskDiagnosis) -> dict[str, dict]:
         "finger": believed.finger * change.finger,
         "mass": believed.mass * change.mass,
     }
-    told = {}
+    measured = {}
     if found.forces and found.forces.measured:
-        told |= {name: (truths[name], *values) for name, values in found.forces.measured.items()}
+        measured |= {name: (truths[name], *values) for name, values in found.forces.measured.items()}
     if found.surfaces and found.surfaces.comparison and "height" in found.surfaces.comparison.bounds:
         value = found.surfaces.comparison.bounds["height"]
-        told["height"] = (change.lift, value.value, value.low, value.high)
+        measured["height"] = (change.lift, value.value, value.low, value.high)
     if found.latency and found.latency.late:
         late = sum(e.get("delay") for e in patch.of("camera_latency"))
-        told["late"] = (late, found.latency.late.value, found.latency.late.low, found.latency.late.high)
+        measured["late"] = (late, found.latency.late.value, found.latency.late.low, found.latency.late.high)
     if found.hand_eye and found.hand_eye.comparison:
         for axis, off in zip("xy", _shown_off(found.recordings.tasks[0], patch)):
             value = found.hand_eye.comparison.bounds[axis]
-            told[f"picture_{axis}"] = off, value.value, value.low, value.high
+            measured[f"picture_{axis}"] = off, value.value, value.low, value.high
     if found.forces and found.forces.least_finger is not None:
-        told["least_finger"] = (truths["finger"], found.forces.least_finger, found.forces.least_finger, np.inf)
+        measured["least_finger"] = (truths["finger"], found.forces.least_finger, found.forces.least_finger, np.inf)
     return {
         name: {
             "true": true,
@@ -173,5 +173,5 @@ def _intervals(case: TaskCase, found: TaskDiagnosis) -> dict[str, dict]:
             "high": high if np.isfinite(high) else None,
             "holds": bool(low <= true <= high),
         }
-        for name, (true, value, low, high) in told.items()
+        for name, (true, value, low, high) in measured.items()
     }

@@ -28,7 +28,9 @@ def figures(rows: Sequence[Mapping]) -> dict:
     kinds = {kind: [r for r in ok if r["kind"] == kind] for kind in ("clean", "single", "pair", OUT)}
     known = kinds["single"] + kinds["pair"]
     confounded = [r for r in kinds["pair"] if set(r["gap"]) == set(CONFOUNDED)]
-    told = [(r, n, one) for r in ok if r["kind"] != OUT for n, one in r["intervals"].items() if n != "least_finger"]
+    intervals = [
+        (r, n, one) for r in ok if r["kind"] != OUT for n, one in r["intervals"].items() if n != "least_finger"
+    ]
     moved = [r["motion"] for r in ok if r.get("motion") and r["motion"]["windows"]]
     asked = {
         "right module, singles": [r["module"] for r in kinds["single"]],
@@ -41,8 +43,8 @@ def figures(rows: Sequence[Mapping]) -> dict:
         "false alarm, clean": [bool(r["named"] or r["unexplained"] or r.get("error")) for r in kinds["clean"]],
         "out of catalogue: unexplained": [r["unexplained"] for r in kinds[OUT]],
         "out of catalogue: named something": [bool(r["named"]) and not r["unexplained"] for r in kinds[OUT]],
-        "95 % intervals that hold": [one["holds"] for _, _, one in told],
-        **_met(told),
+        "95 % intervals that hold": [one["holds"] for _, _, one in intervals],
+        **_met(intervals),
         "patch does harm to held-out motion": [1 - m["patch"] / m["believed"] < HARM for m in moved],
         "patch surely does harm to it": [m["removed"][2] < 0 for m in moved],
         "the true effects do harm to it": [1 - m["truth"] / m["believed"] < HARM for m in moved],
@@ -63,10 +65,10 @@ def rates(asked: Mapping[str, Sequence[bool]]) -> dict[str, dict]:
     }
 
 
-def _met(told: Sequence[tuple[Mapping, str, Mapping]]) -> dict[str, list[bool]]:
+def _met(intervals: Sequence[tuple[Mapping, str, Mapping]]) -> dict[str, list[bool]]:
     """By number, whether each is within `EXACT` of the truth."""
     found: dict[str, list[bool]] = {}
-    for _, name, one in told:
+    for _, name, one in intervals:
         if name in EXACT:
             scale = one["true"] if name == "mass" else 1.0
             label = "picture" if name.startswith("picture") else name

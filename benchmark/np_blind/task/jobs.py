@@ -59,8 +59,8 @@ def evaluate_cases(
 def publish(results: Path, command: str, seed: int, **found: object) -> None:
     """Write the results of a set with date and command."""
     date = datetime.now(UTC).strftime("%Y-%m-%d")
-    told = {"date": date, "command": f"python -m np_blind.{command}", "set": SET, "seed": seed, **found}
-    write_atomically(results, json.dumps(told, indent=1) + "\n")
+    published = {"date": date, "command": f"python -m np_blind.{command}", "set": SET, "seed": seed, **found}
+    write_atomically(results, json.dumps(published, indent=1) + "\n")
 
 
 def _answer_file(out: Path, case: TaskCase) -> Path:

@@ -63,7 +63,7 @@ def main(arguments: list[str] | None = None) -> int:
         is_locked = options.seed >= LOCKED_FROM
         sealed = check_hash(key) if is_locked else digest(key)
         options.out.mkdir(parents=True, exist_ok=True)
-        doctor = check_diagnosis_code(options.out, is_locked)
+        code = check_diagnosis_code(options.out, is_locked)
         os.environ.update(SINGLE_THREAD)  # of the processes that are started: a case has a core
         cases = draw(options.cases, options.seed)
         with workers(options.jobs, options.cluster) as pool:
@@ -81,7 +81,7 @@ def main(arguments: list[str] | None = None) -> int:
         options.seed,
         drawn=options.cases,
         key_sha256=sealed,
-        doctor_sha256=doctor,
+        diagnosis_sha256=code,
         figures=found,
         rows=rows,
     )

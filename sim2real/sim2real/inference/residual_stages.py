@@ -134,8 +134,8 @@ class ResidualStages:
         ]
         wound = [np.zeros((len(own[0]), 0))]
         for effect in self.regressors:
-            said = effect.id != LOSS and ARM_EFFECTS[effect.id].reference_regressors is None
-            if effect.only_joint in (None, joint) and stage in effect.columns and said:
+            is_compared = effect.id != LOSS and ARM_EFFECTS[effect.id].reference_regressors is None
+            if effect.only_joint in (None, joint) and stage in effect.columns and is_compared:
                 (wound if effect.id == HYSTERESIS else own).append(self._own(effect, stage, joint))
         shown = [self._everywhere(effect, stage, joint) for effect in self._before if effect.only_joint == joint]
         own += [columns for columns in shown if columns is not None]

@@ -44,8 +44,8 @@ class ContractViolation(ValueError):
 
 def bag_violation(path: str | Path, error: Exception) -> ContractViolation:
     """What is wrong with a bag, which is named once: most errors begin with it."""
-    name, said = f"bag {Path(path)}", str(error)
-    return ContractViolation(said if said.startswith(name) else f"{name}: {said}")
+    name, text = f"bag {Path(path)}", str(error)
+    return ContractViolation(text if text.startswith(name) else f"{name}: {text}")
 
 
 class HasJoints(Protocol):

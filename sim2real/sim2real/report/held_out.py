@@ -21,16 +21,16 @@ def describe_held_out(diagnosis: Diagnosis, done: Consequences) -> dict | None:
         **_change(torque.before, torque.after, torque.interval, joints, torque.before_joint, torque.after_joint),
     }
     if trial is None or not np.isfinite(trial.after).all():
-        told = {"method": "equations of motion", **by_torque}
+        change = {"method": "equations of motion", **by_torque}
     else:
         old, new = (float(np.sqrt(np.square(rms).mean())) for rms in (trial.before, trial.after))
-        told = {
+        change = {
             "method": "forward simulation",
             "unit": "rad",
             **_change(old, new, trial.interval, joints, trial.before, trial.after),
         }
     return {
-        **told,
+        **change,
         "windows": torque.windows,
         "duration_s": sum(end - begin for _, begin, end in diagnosis.context.laid_aside),
         "effects": _effects(diagnosis, done),

@@ -27,11 +27,11 @@ def list_topics(show_types: bool) -> int:
 
 def _wait_for_topic(node: Node, topic: str) -> tuple[str, type]:
     """Full name and message class of a topic, once it is published; prints on stderr that it waits."""
-    name, told = node.resolve_topic_name(topic), False
+    name, is_announced = node.resolve_topic_name(topic), False
     while not node.count_publishers(name):
-        if not told:
+        if not is_announced:
             print(f"waiting for a publisher of {name}", file=sys.stderr)
-            told = True
+            is_announced = True
         graph.spin_once(node, 0.1)
     types = dict(node.get_topic_names_and_types())[name]
     if len(types) != 1:

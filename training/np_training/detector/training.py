@@ -113,7 +113,7 @@ def run(options: argparse.Namespace, began: float) -> dict:
         "start",
         "episodes",
     )
-    said = {
+    used = {
         **vars(options),
         **{name: getattr(config, name) for name in DEFAULTED},
         **{name: file and file.name for name, file in (("episodes", options.episodes), ("start", options.start))},
@@ -121,7 +121,7 @@ def run(options: argparse.Namespace, began: float) -> dict:
     command = " ".join(
         [
             *([f"--sizes {options.sizes[0]:g} {options.sizes[1]:g}"] if options.sizes else ()),
-            *(f"--{name} {said[name]}" for name in names if said[name] is not None),
+            *(f"--{name} {used[name]}" for name in names if used[name] is not None),
             *(f"--{name.replace('_', '-')}" for name in FLAGS if getattr(options, name)),
         ]
     )

@@ -218,9 +218,9 @@ class BatchedPhysics:
     def _sense(self) -> None:
         q, dq = self.qpos[:, ARM], self.qvel[:, ARM]
         seen = self._effects.sense(q.clone(), dq.clone(), self.ctrl[:, ARM].clone())
-        for kept, truth, said in zip((self.seen_q, self.seen_dq), (self.qpos, self.qvel), seen):
+        for kept, truth, reading in zip((self.seen_q, self.seen_dq), (self.qpos, self.qvel), seen):
             kept.copy_(truth[:, :9])
-            kept[:, ARM] = torch.where(self._is_fresh, kept[:, ARM], said)
+            kept[:, ARM] = torch.where(self._is_fresh, kept[:, ARM], reading)
 
     def place(self, where: torch.Tensor, qpos: torch.Tensor, sunk: torch.Tensor | float = 0.0) -> None:
         """Put the worlds `where` (n,) at rest at qpos (n, 16), with the obstacles sunk (n,) m below where they are."""

@@ -33,7 +33,7 @@ class DiagnosisJob:
 
     out: Path
     """Folder of the run."""
-    doctor: str
+    diagnosis: str
     """Command of the diagnosis."""
     timeout: float
     """Time limit s of one diagnosis."""
@@ -129,7 +129,7 @@ def diagnose_case(case: ArmCase, asking: DiagnosisJob) -> None:
     """Run the diagnosis, and the baselines where requested, on the bag of a case; their reports go to
     reports/case_*."""
     try:
-        error = _ask_doctor(case, asking)
+        error = _run_diagnosis(case, asking)
     except Exception:
         error = traceback.format_exc()[-2000:]
     write_error(asking.out, case.number, error.replace(f"{asking.out.resolve()}/", ""))  # which means nothing elsewhere
@@ -142,7 +142,7 @@ def _remove_bags(out: Path, number: int) -> None:
         shutil.rmtree(path, ignore_errors=True)
 
 
-def _ask_doctor(case: ArmCase, asking: DiagnosisJob) -> str:
+def _run_diagnosis(case: ArmCase, asking: DiagnosisJob) -> str:
     """What went wrong."""
     bag, folder = bag_path(asking.out, case.number), report_path(asking.out, case.number)
     folder.mkdir(parents=True, exist_ok=True)
@@ -153,7 +153,7 @@ def _ask_doctor(case: ArmCase, asking: DiagnosisJob) -> str:
 
     def ask(bags: Sequence[Path], into: Path) -> str:
         command = [
-            *shlex.split(asking.doctor),
+            *shlex.split(asking.diagnosis),
             *(str(b.resolve()) for b in bags),
             *further,
             "--out",

@@ -96,10 +96,10 @@ def _beside(figures: Mapping) -> list[str]:
         ("shrink_absolute", "held-out gap removed, median"),
         ("wall_s_a_case", "s a case"),
     ]
-    doctor = {**figures, "wall_s_a_case": figures["runtime_median_s"]}
-    lines = ["", f"| figure | doctor | {' | '.join(others)} |", "|---" * (len(others) + 2) + "|"]
+    diagnosis = {**figures, "wall_s_a_case": figures["runtime_median_s"]}
+    lines = ["", f"| figure | diagnosis | {' | '.join(others)} |", "|---" * (len(others) + 2) + "|"]
     for key, text in rows:
-        lines.append(f"| {text} | {' | '.join(_number(own[key]) for own in (doctor, *others.values()))} |")
+        lines.append(f"| {text} | {' | '.join(_number(own[key]) for own in (diagnosis, *others.values()))} |")
     return lines
 
 

@@ -200,8 +200,8 @@ def load(path: str | Path) -> Calibration:
     try:
         content = yaml.safe_load(Path(path).read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        said = " ".join(str(error).split())  # YAML's errors are of several lines
-        raise CalibrationError(f"calibration {path}: expected a file written by `calibrate`: {said}") from error
+        problem = " ".join(str(error).split())  # YAML's errors are of several lines
+        raise CalibrationError(f"calibration {path}: expected a file written by `calibrate`: {problem}") from error
     keys = {
         "format",
         "made",

@@ -67,6 +67,6 @@ def split_reason(text: str) -> tuple[str, str]:
     return head.strip(), rest.strip()
 
 
-def first_end(said: Iterable[PhaseState]) -> PhaseState | None:
+def first_end(states: Iterable[PhaseState]) -> PhaseState | None:
     """The first end of an episode among published phases, or None: later phases are of no episode any more."""
-    return next((state for state in said if state.phase in ENDS), None)
+    return next((state for state in states if state.phase in ENDS), None)

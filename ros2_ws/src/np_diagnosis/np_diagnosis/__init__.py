@@ -1,1 +1,1 @@
-"""The gap doctor: where the arm departs from its simulator, which effect explains it, how far it shrinks."""
+"""The diagnosis of the gap: where the arm departs from its simulator, which effect explains it, how far it shrinks."""

@@ -76,28 +76,28 @@ def corrections(patch: Patch) -> Corrections:
 class CompensatedView:
     """Keypoints of one episode as the nominal camera would show them now. domain: whose object it is."""
 
-    def __init__(self, told: Corrections, domain: Task):
-        self._told, self._domain = told, domain
+    def __init__(self, given: Corrections, domain: Task):
+        self._corrections, self._domain = given, domain
         self._last: tuple[int, np.ndarray] | None = None
 
     def __call__(self, seen: np.ndarray, stamp: int) -> np.ndarray:
         """The corrected keypoints of those (8, 3) u px, v px, score that were found in the image of `stamp` ns."""
         seen = self._reproject(seen)
-        if not self._told.delay:
+        if not self._corrections.delay:
             return seen
         last, self._last = self._last, (stamp, seen)
         since = (stamp - last[0]) * 1e-9 if last else 0.0
         if not 0 < since <= LONGEST or not (last[1][:, 2].all() and seen[:, 2].all()):
             return seen
         ahead = seen.copy()
-        ahead[:, :2] += (seen - last[1])[:, :2] * (self._told.delay / since)
+        ahead[:, :2] += (seen - last[1])[:, :2] * (self._corrections.delay / since)
         return ahead
 
     def _reproject(self, seen: np.ndarray) -> np.ndarray:
-        if self._told.camera == CAMERA:
+        if self._corrections.camera == CAMERA:
             return seen
         try:
-            pose = estimate_pose(seen, self._domain, camera=self._told.camera).pose
+            pose = estimate_pose(seen, self._domain, camera=self._corrections.camera).pose
             return np.column_stack([project_keypoints(self._domain, pose)[:, :2], seen[:, 2]])
         except (PoseError, ValueError):  # too few corners, or none in front: what is found is better than nothing
             return seen
@@ -106,8 +106,8 @@ class CompensatedView:
 class CompensatedArm:
     """A driver with corrections: true joint angles, and the torque that makes the arm follow the command."""
 
-    def __init__(self, told: Corrections):
-        arm = told.arm
+    def __init__(self, given: Corrections):
+        arm = given.arm
         self._zero = arm.per_joint("encoder_bias", "bias")
         self._offset = arm.per_joint("torque_offset", "offset")
         self._friction = FRICTION_SHARE * np.maximum(arm.per_joint("coulomb_friction", "level"), 0.0)
@@ -143,7 +143,7 @@ class CompensatedArm:
 class SmithPredictor:
     """An arm's state after the delay of its commands: those that are under way act on its inertia, and what else accelerates it goes on.
 
-    Without the second a joint that presses against something would be foretold to move, and give way by that. delay: s.
+    Without the second a joint that presses against something would be predicted to move, and give way by that. delay: s.
     """
 
     def __init__(self, delay: float, dynamics: Dynamics):

@@ -72,7 +72,7 @@ class InProcessRollout:
         weights: str | Path = "",
         force_reflex: str = DEFAULT_MODE,
     ):
-        self._told = corrections(corrected)
+        self._corrections = corrections(corrected)
         self._domain, self._seed, self._contacts, self._patch = domain, seed, contacts, patch
         self._engine, self._force_reflex = find_engine(engine), force_reflex
         self._engine_named = {"engine": engine, "engine_version": engine_version(engine)}
@@ -105,7 +105,7 @@ class InProcessRollout:
 
     def play(self, number: int, scenario: int = 0) -> Result:
         """One episode."""
-        began, said = time.monotonic(), []
+        began, phases = time.monotonic(), []
         arm = Simulation(
             self._domain,
             seed=self._seed,
@@ -116,23 +116,23 @@ class InProcessRollout:
             force_reflex=self._force_reflex,
         )
         eyes = KeypointProjector(self._domain, self._patch, self._seed)
-        view, driver = CompensatedView(self._told, self._domain), CompensatedArm(self._told)
+        view, driver = CompensatedView(self._corrections, self._domain), CompensatedArm(self._corrections)
         controller, guard = Controller(), SafetyFilter()
         guard.start(driver.read(arm.measure()).position[:7])
         config = EpisodeConfig(self._domain, contacts=self._contacts, success_share=self._domain.tolerance_fraction)
         episode = Episode(config, lambda: driver.read(arm.measure()).position[:7].copy())
         goal = project_keypoints(self._domain, arm.task.goal)
-        _note(said, [*episode.start(), *episode.goal(0, arm.task.goal)])
+        _note(phases, [*episode.start(), *episode.goal(0, arm.task.goal)])
         while True:
             now = driver.read(arm.measure())
             q, dq = now.position[:7], now.velocity[:7]
             if not guard.watchdog.may_move:
-                said.append(PhaseState(FAULT, guard.watchdog.cause))
+                phases.append(PhaseState(FAULT, guard.watchdog.cause))
                 break
             controller.observe(now.stamp, q, dq)
             eyes.look(arm)
             if now.stamp % TICK == 0:
-                self._tick(arm, controller, episode, now, view(eyes.seen(now.stamp), now.stamp), goal, said)
+                self._tick(arm, controller, episode, now, view(eyes.seen(now.stamp), now.stamp), goal, phases)
                 if not episode.is_active:
                     break
             answer = controller.answer()
@@ -140,15 +140,15 @@ class InProcessRollout:
             arm.step(driver.drive(guard.apply(now.stamp, q, dq).torque, q, dq))
             if arm.reflex:
                 guard.fault(arm.reflex)
-        outcome = score_outcome(self._domain, said, arm.object_pose(), arm.task.goal, arm.stamp / SECOND)
+        outcome = score_outcome(self._domain, phases, arm.object_pose(), arm.task.goal, arm.stamp / SECOND)
         result = result_of(number, outcome, time.monotonic() - began, force=arm.force.figures)
         return replace(result, **self._engine_named)
 
-    def _tick(self, arm: Simulation, controller: Controller, episode: Episode, now, seen, goal, said) -> None:
+    def _tick(self, arm: Simulation, controller: Controller, episode: Episode, now, seen, goal, phases) -> None:
         before = episode.phase
-        _note(said, episode.keypoints(now.stamp, seen))
+        _note(phases, episode.keypoints(now.stamp, seen))
         if episode.phase == PRE and episode.awaits == "joint_trajectory":
-            _note(said, self._approach(arm, controller, episode, now, seen, goal))
+            _note(phases, self._approach(arm, controller, episode, now, seen, goal))
         elif episode.phase == PRE and before == POST:
             controller.hold()
         elif episode.phase == POST:
@@ -205,5 +205,5 @@ class KeypointProjector:
         return seen
 
 
-def _note(said: list[PhaseState], events: list[Event]) -> None:
-    said += [event for event in events if isinstance(event, PhaseState)]
+def _note(phases: list[PhaseState], events: list[Event]) -> None:
+    phases += [event for event in events if isinstance(event, PhaseState)]

@@ -175,7 +175,7 @@ def episodes(played: Iterable[CellResult]) -> list[dict[str, object]]:
 
 def _total(group: Sequence[CellResult]) -> dict[str, object]:
     results = [result for one in group for result in one.results]
-    told = (
+    shown = (
         "success",
         "ci95",
         "first_contact",
@@ -187,7 +187,7 @@ def _total(group: Sequence[CellResult]) -> dict[str, object]:
         "peak_by",
         "reflex_stops",
     )
-    figures = {name: value for name, value in summary(results).items() if name in told}
+    figures = {name: value for name, value in summary(results).items() if name in shown}
     return {
         "successes": sum(r.success for r in results),
         "episodes": len(results),

@@ -152,12 +152,12 @@ def summary(results: list[Result]) -> dict[str, object]:
 
 def reasons(results: Sequence[Result]) -> dict[str, int]:
     """The graph's reasons for failures with their counts, the most frequent first; numbers are replaced by #."""
-    said = (
+    reason = (
         "declared a success and was none" if r.declared == SUCCEEDED else re.sub(r"-?\d+(\.\d+)?", "#", r.reason)
         for r in results
         if not r.success
     )
-    return dict(Counter(said).most_common())
+    return dict(Counter(reason).most_common())
 
 
 def _uncertainty(results: Sequence[Result]) -> dict[str, dict[str, float]]:

@@ -52,16 +52,16 @@ def note_position_only(domain: Task) -> str:
 
 
 def score_outcome(
-    domain: Task, said: Sequence[PhaseState], pose: Pose, goal: Pose, duration: float, early: str = ""
+    domain: Task, states: Sequence[PhaseState], pose: Pose, goal: Pose, duration: float, early: str = ""
 ) -> Outcome:
     """The outcome of an episode with an object that ended at `pose` (truth).
 
-    said: the phases published up to its end or beyond; early: why there is no end, where the recording gives a reason.
+    states: the phases published up to its end or beyond; early: why there is no end, where the recording gives a reason.
     """
     distance, angle = pose_error(pose.position, pose.quaternion, goal.position, goal.quaternion)
-    end = first_end(said)
-    until = said.index(end) if end else len(said)
-    contacts = max(1, sum(state.phase == PRE for state in said[:until]))
+    end = first_end(states)
+    until = states.index(end) if end else len(states)
+    contacts = max(1, sum(state.phase == PRE for state in states[:until]))
     declared, reason = (end.phase, end.reason) if end else ("unfinished", early)
     success = bool(is_success(domain, distance, angle))
     position_bound, angle_bound = (

@@ -117,8 +117,8 @@ def load_episode(recording: Recording) -> EpisodeData:
     distance, angle = pose_error(poses.values[:, :3], poses.values[:, 3:], goal.position, goal.quaternion)
     changes = read_phase_changes(where, recording.rows(*PHASE_TOPICS))
     phases = [((stamp - start) / SECOND, state) for stamp, state in changes]
-    said = [state for _, state in phases]
-    began = next((number for number, state in enumerate(said) if state.phase == PRE), 0)
+    published = [state for _, state in phases]
+    began = next((number for number, state in enumerate(published) if state.phase == PRE), 0)
     duration = (recording.end - start) / SECOND
     final = Pose(poses.values[-1, :3], poses.values[-1, 3:])
     return EpisodeData(
@@ -141,7 +141,7 @@ def load_episode(recording: Recording) -> EpisodeData:
         phases=phases,
         counts=recording.counts,
         duration=duration,
-        outcome=score_outcome(domain, said[began:], final, goal, duration, _early_end(recording)),
+        outcome=score_outcome(domain, published[began:], final, goal, duration, _early_end(recording)),
     )
 
 
@@ -150,8 +150,8 @@ def read_recorded_task(recording: Recording) -> Task:
     try:
         return read_domain(recording.information)
     except ValueError as error:
-        said = str(error)
-        raise BagError(said if said.startswith("bag ") else f"bag {recording.path}: run_info: {said}") from error
+        text = str(error)
+        raise BagError(text if text.startswith("bag ") else f"bag {recording.path}: run_info: {text}") from error
 
 
 def _early_end(recording: Recording) -> str:

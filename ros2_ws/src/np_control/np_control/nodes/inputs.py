@@ -81,8 +81,8 @@ def subscribe(node: Node, led: CommandSink, limits: SafetyLimits, *, lockstep: b
             led.on_phase(state)
 
     def heartbeat(message: String) -> None:
-        if (said := check(lambda: heartbeat_phase(message))) is not None:
-            led.on_heartbeat(said)
+        if (sent := check(lambda: heartbeat_phase(message))) is not None:
+            led.on_heartbeat(sent)
 
     def trajectory(message: JointTrajectory) -> Trajectory | None:
         times, positions, velocities = trajectory_arrays(message, JOINT_NAMES)

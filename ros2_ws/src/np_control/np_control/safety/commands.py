@@ -65,8 +65,8 @@ def check_command(
     if np.count_nonzero(outside):
         row, i = divmod(int(outside.argmax()), len(limits.joints))
         reason, unit = _RANGES[row]
-        said = f"expected {lower[row, i]} to {upper[row, i]} {unit}, got {fields[row, i]}"
-        raise Refusal(reason, f"{limits.joints[i]}: {said}")
+        problem = f"expected {lower[row, i]} to {upper[row, i]} {unit}, got {fields[row, i]}"
+        raise Refusal(reason, f"{limits.joints[i]}: {problem}")
     return Command(stamp, *fields)
 
 

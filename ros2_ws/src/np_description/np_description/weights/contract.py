@@ -100,5 +100,5 @@ def _differences(name: str, expected, found) -> list[str]:
         ]
     if expected == found:
         return []
-    said = ("nothing" if value is _NOTHING else value for value in (expected, found))
-    return [f"{name}: expected {next(said)}, got {next(said)}"]
+    values = ("nothing" if value is _NOTHING else value for value in (expected, found))
+    return [f"{name}: expected {next(values)}, got {next(values)}"]

@@ -33,7 +33,7 @@ from np_ros.phases import PhasePublisher
 from np_ros.processes.supervisor import Supervisor
 
 READY_TIMEOUT = 120.0  # s of wall time
-TOLD_EVERY = 4.0  # s between two lines of progress while it waits
+PROGRESS_EVERY = 4.0  # s between two lines of progress while it waits
 GAINS_AHEAD = TICK_NS  # ns by which gains go before their trajectory in real time
 WITNESSED_NS = 20_000_000  # ns between states at which a task's experiment is watched
 SILENCE = 20.0  # s of wall time without a state
@@ -75,11 +75,11 @@ class Exciter(SupervisedGraphClient):
         self._refused: dict[tuple[str, str], int] = {}
 
     def wait_until_ready(
-        self, names: set[str], arm_timeout: float = READY_TIMEOUT, tell: Callable[[str], None] = lambda _: None
+        self, names: set[str], arm_timeout: float = READY_TIMEOUT, show: Callable[[str], None] = lambda _: None
     ) -> None:
         """Wait until arm and controller are found, the named nodes are up and all are matched.
 
-        arm_timeout: s for each of arm and controller; `tell` is called every few seconds with what is still missing. Raises
+        arm_timeout: s for each of arm and controller; `show` is called every few seconds with what is still missing. Raises
         NodeDied, TimeoutError, or GraphError for joint states of another arm.
         """
         domain = self._supervisor.domain_id
@@ -88,20 +88,20 @@ class Exciter(SupervisedGraphClient):
             lambda: self._state is not None,
             arm_timeout,
             f"joint_states of a backend in ROS domain {domain}, mode {mode}",
-            tell,
+            show,
         )
         for publisher in (self._trajectory, self._gains):
             self._wait_aloud(
                 lambda: publisher.get_subscription_count() > 0,
                 arm_timeout,
                 f"a controller that subscribes to {publisher.topic_name} in ROS domain {domain}",
-                tell,
+                show,
             )
         self._wait_aloud(
             lambda: self._links.are_complete(names),
             READY_TIMEOUT,
             f"{', '.join(sorted(names))} matched with everyone",
-            tell,
+            show,
         )
         # Lockstep repeats its first state until we tick. What went with the one we have may have been sent before the
         # recorder had subscribed; the one after the next was certainly sent after.
@@ -168,16 +168,16 @@ class Exciter(SupervisedGraphClient):
             raise GraphError(f"expected the object in the picture: {error}") from error
 
     def _wait_aloud(
-        self, condition: Callable[[], bool], timeout: float, what: str, tell: Callable[[str], None]
+        self, condition: Callable[[], bool], timeout: float, what: str, show: Callable[[str], None]
     ) -> None:
-        begun = told = time.monotonic()
+        begun = shown = time.monotonic()
 
         def holds() -> bool:
-            nonlocal told
+            nonlocal shown
             now = time.monotonic()
-            if now - told >= TOLD_EVERY:
-                told = now
-                tell(f"waiting for {what}: {now - begun:.0f} of {timeout:.0f} s")
+            if now - shown >= PROGRESS_EVERY:
+                shown = now
+                show(f"waiting for {what}: {now - begun:.0f} of {timeout:.0f} s")
             return condition()
 
         self._wait(holds, timeout, what)

@@ -64,7 +64,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point. Status 1: a doctor refuses, training fails, a recording is of another domain's episodes, or files are of other results."""
+    """Entry point. Status 1: the diagnosis refuses, training fails, a recording is of another domain's episodes, or files are of other results."""
     options = parse(arguments)
     interrupt_on_sigterm()
     begun, out = time.monotonic(), options.out.resolve()
@@ -90,7 +90,7 @@ def main(arguments: list[str] | None = None) -> int:
         how = Learning(options.minutes, there[0] if there else None, options.seed, tuple(options.train))
         os.environ.update(SINGLE_THREAD)  # of the processes that are started: each has a core
         with workers(options.jobs) as pool:
-            told = run_finetune(what, patch, how, pool)
+            result = run_finetune(what, patch, how, pool)
     except KeyboardInterrupt:
         print("interrupted; what is finished is kept, the same command goes on with the rest", file=sys.stderr)
         return INTERRUPTED
@@ -100,11 +100,11 @@ def main(arguments: list[str] | None = None) -> int:
         return 1
     from np_evaluation.finetune.page import render, sentence  # drawing is slow to import
 
-    told["wall_s"] = round(time.monotonic() - begun, 1)
+    result["wall_s"] = round(time.monotonic() - begun, 1)
     report = out / "finetune.html"
-    report.write_text(render(told, patch, out), encoding="utf-8")
-    print(sentence(told))
-    print(json.dumps({name: value for name, value in told.items() if name != "played"} | {"report": str(report)}))
+    report.write_text(render(result, patch, out), encoding="utf-8")
+    print(sentence(result))
+    print(json.dumps({name: value for name, value in result.items() if name != "played"} | {"report": str(report)}))
     return 0
 
 

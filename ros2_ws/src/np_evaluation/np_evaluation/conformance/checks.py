@@ -218,9 +218,9 @@ def silence(harness: Harness) -> None:
     silent_since = harness.stamp
     harness.wait_state("stopped")
     # Since it was moving: a process that got no processor time receives the turn's end and the stop at once.
-    since = harness.said[::-1]
+    since = harness.watchdog_states[::-1]
     since = since[: since.index("moving")] if "moving" in since else since
-    expect("holding" in since, f"states: expected holding before stopped, got {harness.said}")
+    expect("holding" in since, f"states: expected holding before stopped, got {harness.watchdog_states}")
     expect("silence" in harness.message, f"message: expected the silence to be named, got {harness.message!r}")
     least = silent_since + LIMITS.silence_ns - (LIMITS.late_periods + 1) * PERIOD
     expect(
@@ -236,7 +236,7 @@ def silence(harness: Harness) -> None:
 @check("one command and then silence are reported as moving, holding, stopped", REAL_TIME)
 def one_command(harness: Harness) -> None:
     harness.resume()  # its states are reported by then: what follows is of the one command
-    before = len(harness.said)
+    before = len(harness.watchdog_states)
     taken = False
     while not taken:  # on a busy machine the one command may come too late, and is none then
         late = harness.refused("late")
@@ -247,7 +247,7 @@ def one_command(harness: Harness) -> None:
         )
         taken = harness.status.get("state") != "ready"
     harness.wait_state("stopped")
-    reported = list(dict.fromkeys(state for state in harness.said[before:] if state != "ready"))
+    reported = list(dict.fromkeys(state for state in harness.watchdog_states[before:] if state != "ready"))
     expect(reported == ["moving", "holding", "stopped"], f"states: expected moving, holding, stopped, got {reported}")
 
 

@@ -49,7 +49,7 @@ class Harness:
 
     `answer(state)` returns the command for a state, or None for no command; change it at will. It is called at
     the rate of the backend's kind of command. `states` are all states received; `status`, `level`, `message`
-    the newest of the backend's diagnostics, `said` the watchdog's state in each of them.
+    the newest of the backend's diagnostics, `watchdog_states` the watchdog's state in each of them.
     """
 
     def __init__(self, peer: GraphClient, backend: TestedBackend):
@@ -60,7 +60,7 @@ class Harness:
         self.status: dict[str, str] = {}
         self.level = b""
         self.message = ""
-        self.said: list[str] = []
+        self.watchdog_states: list[str] = []
         self.states = peer.collect("joint_states", JointState, callback=self._on_state)
         peer.collect("diagnostics", DiagnosticArray, qos.EVENT, callback=self._on_diagnostics)
         for topic, message_type in self.commands.sent.items():
@@ -78,7 +78,7 @@ class Harness:
             self.resume()
         for heard in self.peer.messages.values():
             heard.clear()
-        self.said.clear()
+        self.watchdog_states.clear()
         self.wait(lambda: self.states, "a state")
 
     def _on_state(self, state: JointState) -> None:
@@ -94,7 +94,7 @@ class Harness:
             if status.name == f"/{self.backend.name}":
                 self.level, self.message = status.level, status.message
                 self.status = {pair.key: pair.value for pair in status.values}
-                self.said.append(self.status.get("state", ""))
+                self.watchdog_states.append(self.status.get("state", ""))
 
     @property
     def stamp(self) -> int:

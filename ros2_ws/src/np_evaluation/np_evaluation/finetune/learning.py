@@ -90,7 +90,7 @@ def train_and_distill(
     ]  # fmt: skip
     if not (run / "checkpoint.pt").exists():  # else it goes on with what was begun
         train += ["--resume", str(checkpoint)]
-    said = _run(train, out / "train.log", 60 * how.minutes, "train", how.gpu, is_over)
+    trained = _run(train, out / "train.log", 60 * how.minutes, "train", how.gpu, is_over)
     distil = [
         "np_training.distill", "--checkpoint", str(run / "checkpoint.pt"), "--out", str(run), "--effects", str(effects),
         "--minutes", f"{DISTIL_SHARE * how.minutes:g}", "--seed", str(how.seed),
@@ -103,7 +103,7 @@ def train_and_distill(
     for place, kind in ((folder, PRE_CONTACT), (out / "weights", POST_CONTACT)):
         shutil.copyfile(place / f"{kind}_{domain}.safetensors", mixed / f"{kind}_{domain}.safetensors")
     found = {
-        "train": said,
+        "train": trained,
         "distil": student,
         "weights": str(out / "weights"),
         "weights_old_student": str(mixed),

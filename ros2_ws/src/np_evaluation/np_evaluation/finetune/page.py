@@ -26,52 +26,55 @@ BARS = (
 """Key of `success`, what it is called, colour."""
 
 
-def sentence(told: Mapping) -> str:
+def sentence(result: Mapping) -> str:
     """The result in sentences."""
-    if not told["effects"]:
-        return "The doctor found no gap: there is nothing to train for."
-    nominal, predicted = told["success"]["nominal"], told["success"]["patched"]
-    said = [
-        f"The simulator succeeds in {_percent(nominal)} of the episodes of the {told['domain']}, with what was found in {_percent(predicted)}."
+    if not result["effects"]:
+        return "The diagnosis found no gap: there is nothing to train for."
+    nominal, predicted = result["success"]["nominal"], result["success"]["patched"]
+    sentences = [
+        f"The simulator succeeds in {_percent(nominal)} of the episodes of the {result['domain']}, with what was found in {_percent(predicted)}."
     ]
-    if told["cause"] is None or told["lost"]["ci95"][0] <= 0:
-        said.append("That is no loss beyond chance.")
+    if result["cause"] is None or result["lost"]["ci95"][0] <= 0:
+        sentences.append("That is no loss beyond chance.")
     else:
-        cost, lost = told["costs"][told["cause"]]["value"], told["lost"]["value"]
-        said.append(f"Most of it goes to {_name(told['cause'])}: {_points(cost)} of {_points(lost)} points.")
-    if told["corrected"]:
-        names = ", ".join(_name(name) for name in told["corrected"])
-        worse = ", which is not better: leave it" if told["kept"] == "before" else ""
-        said.append(
-            f"With {names} corrected in detector and driver it comes to {_percent(told['success']['patched_corrected'])}{worse}."
+        cost, lost = result["costs"][result["cause"]]["value"], result["lost"]["value"]
+        sentences.append(f"Most of it goes to {_name(result['cause'])}: {_points(cost)} of {_points(lost)} points.")
+    if result["corrected"]:
+        names = ", ".join(_name(name) for name in result["corrected"])
+        worse = ", which is not better: leave it" if result["kept"] == "before" else ""
+        sentences.append(
+            f"With {names} corrected in detector and driver it comes to {_percent(result['success']['patched_corrected'])}{worse}."
         )
-    if told["learned"] is None:
-        said.append("Nothing was trained: training has none of what is left.")
+    if result["learned"] is None:
+        sentences.append("Nothing was trained: training has none of what is left.")
     else:
-        after = _percent(told["success"]["patched_after"])
-        worse = "" if told["kept"] == "trained" else ", which is not better: keep the old ones"
-        said.append(f"Trained on, the policies come to {after}{worse}.")
-    if told["success_before"] is not None and told["kept"] != "before":
-        before, after = told["success"]["reality"], told["success"][KEPT[told["kept"]].replace("patched", "reality")]
-        said.append(f"On the robot itself: {_percent(before)} before, {_percent(after)} after.")
-    elif told["success_before"] is None:
-        said.append("On the robot itself nothing was measured yet.")
-    return " ".join(said)
+        after = _percent(result["success"]["patched_after"])
+        worse = "" if result["kept"] == "trained" else ", which is not better: keep the old ones"
+        sentences.append(f"Trained on, the policies come to {after}{worse}.")
+    if result["success_before"] is not None and result["kept"] != "before":
+        before, after = (
+            result["success"]["reality"],
+            result["success"][KEPT[result["kept"]].replace("patched", "reality")],
+        )
+        sentences.append(f"On the robot itself: {_percent(before)} before, {_percent(after)} after.")
+    elif result["success_before"] is None:
+        sentences.append("On the robot itself nothing was measured yet.")
+    return " ".join(sentences)
 
 
-def render(told: Mapping, patch: Patch, folder: Path) -> str:
+def render(result: Mapping, patch: Patch, folder: Path) -> str:
     """The page as text, with its pictures in it. folder: of the results, whose training's log is drawn."""
     return page(
         "np_evaluation",
         "finetune.html.j2",
-        told=told,
-        sentence=sentence(told),
+        result=result,
+        sentence=sentence(result),
         found=[_describe(effect) for effect in patch.effects],
-        bars=[(words, told["success"][key]) for key, words, _ in BARS if key in told["success"]],
-        costs=[(_name(name), cost) for name, cost in told["costs"].items()],
-        success_plot=_plot(_success, told),
-        cost_plot=_plot(_costs, told) if told["costs"] else "",
-        curve=_plot(_curve, folder / "training" / "log.csv") if told["learned"] else "",
+        bars=[(words, result["success"][key]) for key, words, _ in BARS if key in result["success"]],
+        costs=[(_name(name), cost) for name, cost in result["costs"].items()],
+        success_plot=_plot(_success, result),
+        cost_plot=_plot(_costs, result) if result["costs"] else "",
+        curve=_plot(_curve, folder / "training" / "log.csv") if result["learned"] else "",
     )
 
 
@@ -82,8 +85,8 @@ def _plot(draw, what) -> str:
     return svg(figure)
 
 
-def _success(ax, told: Mapping) -> None:
-    bars = [(words, told["success"][key], colour) for key, words, colour in BARS if key in told["success"]]
+def _success(ax, result: Mapping) -> None:
+    bars = [(words, result["success"][key], colour) for key, words, colour in BARS if key in result["success"]]
     for row, (_, rate, colour) in enumerate(reversed(bars)):
         low, high = rate["ci95"]
         ax.barh(row, 100 * rate["value"], color=colour, height=0.6)
@@ -93,8 +96,8 @@ def _success(ax, told: Mapping) -> None:
     ax.grid(axis="y", visible=False)
 
 
-def _costs(ax, told: Mapping) -> None:
-    rows = list(reversed(told["costs"].items()))
+def _costs(ax, result: Mapping) -> None:
+    rows = list(reversed(result["costs"].items()))
     for row, (_, cost) in enumerate(rows):
         low, high = cost["ci95"]
         ax.barh(row, 100 * cost["value"], color=BLUE, height=0.6)

@@ -139,8 +139,8 @@ class CachedScores:
     def add(self, name: str, numbers: Sequence[int], scores: Sequence[float]) -> None:
         """Keep what came of some episodes."""
         self._found[name] |= dict(zip(numbers, scores))
-        told = {str(n): s for n, s in sorted(self._found[name].items())}
-        write_atomically(self._path(name), json.dumps({"cell": asdict(self._cells[name]), "score": told}) + "\n")
+        scores = {str(n): s for n, s in sorted(self._found[name].items())}
+        write_atomically(self._path(name), json.dumps({"cell": asdict(self._cells[name]), "score": scores}) + "\n")
 
     def of(self, name: str, episodes: int) -> list[float]:
         """Scores in the order of the episodes."""

@@ -61,7 +61,7 @@ class FinetuneSettings:
     """Prefix of the progress shown."""
     beside: bool = False
     """Whether training begins at once, while episodes are played."""
-    tell: Callable[[dict], None] = lambda told: None
+    on_result: Callable[[dict], None] = lambda result: None
     """Called with the results so far after every stage."""
     is_over: Callable[[], bool] = lambda: False
     """Polled while training; True ends it."""
@@ -82,10 +82,10 @@ def check_episodes(bags: Sequence[Path], domain: str) -> None:
     """
     for bag in bags:
         with Recording(bag) as recording:
-            said = recording.information
-        if "experiments" not in said and said.get("domain", domain) != domain:
+            information = recording.information
+        if "experiments" not in information and information.get("domain", domain) != domain:
             raise BagError(
-                f"bag {bag}: expected a recording of `excite`, or episodes of {domain}, got episodes of {said['domain']}"
+                f"bag {bag}: expected a recording of `excite`, or episodes of {domain}, got episodes of {information['domain']}"
             )
 
 
@@ -121,13 +121,13 @@ def _has_keypoints(bag: Path) -> bool:
         return bool(recording.rows("keypoints").get("keypoints"))
 
 
-def _diagnose(doctor: str, bags: Sequence[str], out: Path, options: Sequence[str] = ()) -> tuple:
+def _diagnose(module: str, bags: Sequence[str], out: Path, options: Sequence[str] = ()) -> tuple:
     """Effects of the patch that a diagnosis writes into `out`, or has written before."""
     if not (out / "patch.yaml").exists():
-        command = [sys.executable, "-m", doctor, *bags, "--out", str(out), *options]
+        command = [sys.executable, "-m", module, *bags, "--out", str(out), *options]
         done = subprocess.run(command, stdout=subprocess.PIPE, text=True, preexec_fn=end_with_parent)
         if done.returncode:
-            raise OSError(f"{doctor.rpartition('.')[2]} refuses: {done.stdout.strip().splitlines()[-1:]}")
+            raise OSError(f"{module.rpartition('.')[2]} refuses: {done.stdout.strip().splitlines()[-1:]}")
     return load_patch(out / "patch.yaml").effects
 
 
@@ -142,32 +142,32 @@ def run_finetune(
     begun = time.monotonic()
     corrected = corrections(patch)
     trained_with = split_trainable(corrected.remaining)[0]
-    told_of = "" if corrected.is_none else text_of(patch)
+    corrected_for = "" if corrected.is_none else text_of(patch)
 
-    def say(played: dict, costs: dict, learned: dict | None, after: dict) -> dict:
+    def write_result(played: dict, costs: dict, learned: dict | None, after: dict) -> dict:
         reality = None if what.reality is None else what.reality.engine
         scores = {**played, **after}
-        told = summarize(what.robot.domain, what.episodes, reality, patch, scores, costs, learned)
-        told["wall_s"] = round(time.monotonic() - begun, 1)
-        told["played"] = {name: [int(s) for s in succeeds(each)] for name, each in scores.items()}
-        (what.out / "finetune.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
-        what.tell(told)
-        return told
+        result = summarize(what.robot.domain, what.episodes, reality, patch, scores, costs, learned)
+        result["wall_s"] = round(time.monotonic() - begun, 1)
+        result["played"] = {name: [int(s) for s in succeeds(each)] for name, each in scores.items()}
+        (what.out / "finetune.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        what.on_result(result)
+        return result
 
     with _start_training(what, trained_with, how, turn) as learning:
         cells = {"nominal": what.robot, "patched": what.with_patch(patch)}
         if what.reality is not None:
             cells["reality"] = what.reality
-        for name in ("patched", "reality") if told_of else ():
+        for name in ("patched", "reality") if corrected_for else ():
             if name in cells:
-                cells[f"{name}_corrected"] = replace(cells[name], corrected=told_of)
+                cells[f"{name}_corrected"] = replace(cells[name], corrected=corrected_for)
         played = what.play(cells, what.episodes, "success before", pool)
         costs = _effect_costs(what, split_patch(patch), played, pool) if patch.effects and what.share_episodes else {}
-        told = say(played, costs, None, {})
+        result = write_result(played, costs, None, {})
         if trained_with.effects and how is not None:
             new = learning()
-            told = say(played, costs, new, _score_new_policies(what, patch, told_of, new, pool))
-    return told
+            result = write_result(played, costs, new, _score_new_policies(what, patch, corrected_for, new, pool))
+    return result
 
 
 @contextmanager
@@ -208,19 +208,19 @@ def _start_training(
 
 
 def _score_new_policies(
-    what: FinetuneSettings, patch: Patch, told_of: str, learned: dict, pool: Executor
+    what: FinetuneSettings, patch: Patch, corrected_for: str, learned: dict, pool: Executor
 ) -> dict[str, list[float]]:
     """Scores of the new policies, with the new student and with the old one in the patched simulator; in reality with the
     better of the two."""
     places = {"new": learned["weights"], "old": learned["weights_old_student"]}
-    patched = replace(what.with_patch(patch), corrected=told_of)
+    patched = replace(what.with_patch(patch), corrected=corrected_for)
     cells = {f"patched_{student}_student": replace(patched, weights=place) for student, place in places.items()}
     played = what.play(cells, what.episodes, "success after", pool)
     learned["student"] = max(places, key=lambda student: sum(played[f"patched_{student}_student"]))
     learned["chosen"] = places[learned["student"]]
     played["patched_after"] = played[f"patched_{learned['student']}_student"]
     if what.reality is not None:
-        reality = replace(what.reality, weights=learned["chosen"], corrected=told_of)
+        reality = replace(what.reality, weights=learned["chosen"], corrected=corrected_for)
         cell = {f"reality_{learned['student']}_student": reality}
         (played["reality_after"],) = what.play(cell, what.episodes, "success after", pool).values()
     return played

@@ -107,8 +107,8 @@ def _read_lens(file: Path, width: int, height: int) -> tuple[float, Lens]:
             raise ValueError(f"rate: expected 0 .. 1000 Hz, got {rate}")
         return rate, Lens(width, height, **content)
     except (OSError, TypeError, ValueError, yaml.YAMLError) as error:  # a CalibrationError is a ValueError
-        said = " ".join(str(error).split())
-        raise CameraError(f"{file}: expected fx, fy, cx, cy and optionally distortion and rate: {said}") from error
+        problem = " ".join(str(error).split())
+        raise CameraError(f"{file}: expected fx, fy, cx, cy and optionally distortion and rate: {problem}") from error
 
 
 class Playback:

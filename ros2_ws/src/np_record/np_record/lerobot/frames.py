@@ -83,12 +83,12 @@ def read_episode_frames(recording: Recording) -> EpisodeFrames:
     states, state = read_joint_states(where, joints.get("joint_states"), STATE_NAMES)
     orders, order = read_joint_states(where, joints.get("effort_command"), JOINT_NAMES)
     changes = read_phase_changes(where, recording.rows(*PHASE_TOPICS))
-    began = next((stamp for stamp, said in changes if said.phase == PRE), None)
+    began = next((stamp for stamp, state in changes if state.phase == PRE), None)
     if began is None:
         raise BagError(f"{where}: expected an episode, phase {PRE} was never published")
     changes = [change for change in changes if change[0] >= began]
-    end = first_end([said for _, said in changes])
-    ended = next((stamp for stamp, said in changes if said is end), recording.end)
+    end = first_end([state for _, state in changes])
+    ended = next((stamp for stamp, state in changes if state is end), recording.end)
 
     poses = {
         topic: _table(recording, topic, lambda m: np.concatenate(pose_arrays(m, BASE_FRAME)), 7) for topic in _POSES
@@ -115,7 +115,7 @@ def read_episode_frames(recording: Recording) -> EpisodeFrames:
         TARGET: _targets(
             *poses["target_pose"], _table(recording, "target_gains", lambda m: gains_array(m).ravel(), 14), times
         ),
-        PHASE: np.array([[ACTIVE.index(said)] for said in _phases(changes, times)]),
+        PHASE: np.array([[ACTIVE.index(phase)] for phase in _phases(changes, times)]),
         DONE: (np.arange(len(times)) == len(times) - 1)[:, None],
     }
     domain = read_recorded_task(recording)
@@ -146,9 +146,9 @@ def _targets(stamps: np.ndarray, poses: np.ndarray, gains, times: np.ndarray) ->
     answers = np.zeros((len(times), poses.shape[1] + gains[1].shape[1]))
     for row, time in enumerate(times):
         mine = np.flatnonzero(np.abs(stamps - time) <= _ROUNDING)
-        said = np.searchsorted(gains[0], time - _ROUNDING)
-        if mine.size and said < len(gains[0]):
-            answers[row] = np.concatenate([poses[mine[0]], gains[1][said]])
+        newest = np.searchsorted(gains[0], time - _ROUNDING)
+        if mine.size and newest < len(gains[0]):
+            answers[row] = np.concatenate([poses[mine[0]], gains[1][newest]])
     return answers
 
 

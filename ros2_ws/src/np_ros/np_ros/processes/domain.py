@@ -22,10 +22,10 @@ _POLL = 0.02  # s
 
 def ros_domain_id() -> int:
     """ROS_DOMAIN_ID, 0 where it is not set. Raises ValueError for what is none."""
-    said = os.environ.get("ROS_DOMAIN_ID", "") or "0"
-    if not said.isdecimal() or int(said) > _HIGHEST:
-        raise ValueError(f"ROS_DOMAIN_ID: expected a whole number from 0 to {_HIGHEST}, got {said!r}")
-    return int(said)
+    value = os.environ.get("ROS_DOMAIN_ID", "") or "0"
+    if not value.isdecimal() or int(value) > _HIGHEST:
+        raise ValueError(f"ROS_DOMAIN_ID: expected a whole number from 0 to {_HIGHEST}, got {value!r}")
+    return int(value)
 
 
 class OnlyPublisher:
