@@ -47,6 +47,6 @@ def test_what_corners_tell_comes_first_and_the_patch_has_it():
     assert place.hypotheses[0].patch == {"x": 0.011, "y": -0.010}
     assert turn.hypotheses[0].patch == {"turn_x": -0.017, "turn_y": -0.016}
     texts = [hypothesis_text(turn, way) for way in turn.hypotheses]
-    assert texts[0].endswith("by the camera's turn") and texts[1] == "its place"
+    assert texts[0].endswith("by the camera's turn (off the other way)") and texts[1] == "its place"
     effects = [{one for way in finding.hypotheses for one in way.effects} for finding in (turn, place)]
     assert effects[0] == effects[1]

@@ -196,7 +196,7 @@ def all_faults(size):
         places = visible(effect).joints
         return None if not places else (4 if 4 in places else places[0]) - 1
 
-    faults = [Fault(e, joint(e), min(size, visible(e).largest)) for e in EFFECTS]
+    faults = [Fault(e, joint(e), min(size, largest(e, joint(e)))) for e in EFFECTS]
     faults += [Fault(s, 3 if 3 in places else places[0], size) for s, (_, places) in UNKNOWN_FAULTS.items()]
     cases = [ArmCase(0, "null", (), (5, 5))]
     return cases + [
