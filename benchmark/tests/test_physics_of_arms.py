@@ -193,10 +193,11 @@ def short_run(cases, names=("sinusoid_4",), seeds=True, background=True, until=n
 
 def all_faults(size):
     def joint(effect):
-        places = visible(effect).joints
+        # No set has a drive cut that is needed to hold the arm up.
+        places = [place for place in visible(effect).joints if largest(effect, place - 1) >= 1.0]
         return None if not places else (4 if 4 in places else places[0]) - 1
 
-    faults = [Fault(e, joint(e), min(size, visible(e).largest)) for e in EFFECTS]
+    faults = [Fault(e, joint(e), min(size, largest(e, joint(e)))) for e in EFFECTS]
     faults += [Fault(s, 3 if 3 in places else places[0], size) for s, (_, places) in UNKNOWN_FAULTS.items()]
     cases = [ArmCase(0, "null", (), (5, 5))]
     return cases + [
@@ -211,9 +212,8 @@ def test_every_fault_moves_the_arm_or_its_sensors_and_none_breaks_the_loop():
     for i, case in enumerate(cases[1:], start=1):
         name = case.faults[0].effect
         error = np.abs(record.position[:, i] - record.target[:, i])
-        # A drive that saturates falls behind, by 0.68 rad at most; at rest every arm is where the next segment may begin.
-        behind = 0.7 if name == "torque_saturation" else 0.3
-        assert error.max() < behind and error[-1].max() < 0.5 * LIMITS.start_tolerance, name
+        # A drive that saturates falls behind; at rest every arm is where the next segment may begin.
+        assert error.max() < 0.3 and error[-1].max() < 0.5 * LIMITS.start_tolerance, name
         seen = sum(
             np.abs(getattr(record, part)[:, i] - getattr(record, part)[:, 0]).max() / unit
             for part, unit in (("position", 1e-5), ("effort", 1e-2), ("motor_position", 1e-5))
