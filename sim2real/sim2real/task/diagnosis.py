@@ -25,7 +25,7 @@ from sim2real.task.hypotheses import TaskFinding
 from sim2real.task.keypoint_noise import KeypointNoise, estimate_keypoint_noise
 from sim2real.task.keypoint_track import KeypointTrack
 from sim2real.task.suite.camera_rotation import prefer_rotation_over_translation
-from sim2real.task.suite.hand_eye_offset import HandEyeOffset, estimate_hand_eye_offset
+from sim2real.task.suite.hand_eye_offset import HandEyeOffset, camera_shift, estimate_hand_eye_offset
 from sim2real.task.suite.hand_proximity import mask_touched_images
 from sim2real.task.suite.image_latency import ImageLatency, estimate_image_latency
 from sim2real.task.suite.object_pose import camera_over_table
@@ -227,7 +227,7 @@ def _unnamed_offset(hand_eye: HandEyeOffset | None) -> dict[str, float]:
     """m by which the camera stands elsewhere, by axis, where that is not named and its interval leaves zero out."""
     if hand_eye is None or hand_eye.comparison is None or hand_eye.comparison.findings:
         return {}
-    return {n: -v.value for n, v in hand_eye.comparison.bounds.items() if not v.low <= 0 <= v.high}
+    return camera_shift({n: v for n, v in hand_eye.comparison.bounds.items() if not v.low <= 0 <= v.high})
 
 
 def _patch(modules: Sequence[ModuleResult]) -> Patch:

@@ -13,7 +13,7 @@ from sim2real.task.camera.diagnosis import CameraDiagnosis
 from sim2real.task.contact_force.estimate import ContactForceResult
 from sim2real.task.hypotheses import Hypothesis, TaskFinding
 from sim2real.task.keypoint_noise import KeypointNoise, visible_noise_effects
-from sim2real.task.suite.hand_eye_offset import HandEyeOffset
+from sim2real.task.suite.hand_eye_offset import HandEyeOffset, camera_shift
 from sim2real.task.suite.image_latency import ImageLatency
 from sim2real.task.surface.estimate import SurfaceContactResult
 
@@ -88,8 +88,7 @@ def hand_eye_offset_findings(offset: HandEyeOffset | None, turn: np.ndarray | No
     found = []
     for one in offset.comparison.findings:
         off = one.hypotheses[0].estimates
-        moved = {axis: -off[axis].value for axis in "xy"}  # a camera that stands elsewhere shows things the other way
-        place = Hypothesis("camera_place", ("camera_extrinsics",), dict(off), moved)
+        place = Hypothesis("camera_place", ("camera_extrinsics",), dict(off), camera_shift(off))
         rotation = Hypothesis("camera_turn", ("camera_extrinsics",), dict(off))
         corners = Hypothesis("image_offset", ("keypoint_bias",), {})
         hypotheses = (place, rotation, corners)

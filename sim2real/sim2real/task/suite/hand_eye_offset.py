@@ -7,13 +7,14 @@ two engines, one of which has the finger's shaft touch a tall object before its 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA, Camera
+from sim2real.effects.sentences import ValueWithInterval
 from sim2real.excitation.contact_suite.tip import BEYOND
 from sim2real.excitation.contact_suite.workspace import RestingObject
 from sim2real.task.hypotheses import HypothesisComparison, MeasuredChanges, compare_hypotheses
@@ -65,12 +66,7 @@ class HandEyeOffset:
 def estimate_hand_eye_offset(recordings: Sequence[TaskRecording], camera: Camera = CAMERA) -> HandEyeOffset:
     """Of the pushes and shoves of recordings of one set-up; objects that lay elsewhere were met from other sides. camera: over the table as it was
     felt, see `camera_over_table`."""
-    faces = (
-        _touched_face(recording, name, camera)
-        for recording in recordings
-        for family in ("push", "shove")
-        for name in recording.named(family)
-    )
+    faces = (_touched_face(recording, name, camera) for recording in recordings for name in recording.pushes())
     return offset_from_faces(tuple(face for face in faces if face is not None))
 
 
@@ -100,6 +96,11 @@ def offset_from_faces(faces: tuple[FaceContact, ...]) -> HandEyeOffset:
     known = ", ".join(f"in {name} to {500 * (bound.high - bound.low):.1f} mm" for name, bound in bounds.items())
     reason = f"faces were met from too few sides: the picture is known {known}; record again with the object elsewhere"
     return HandEyeOffset("undetermined", comparison, faces, reason, residual, value)
+
+
+def camera_shift(offsets: Mapping[str, ValueWithInterval]) -> dict[str, float]:
+    """m by axis by which a camera stands elsewhere that shows things off by so much: the other way."""
+    return {axis: -offset.value for axis, offset in offsets.items()}
 
 
 def _touched_face(recording: TaskRecording, name: str, camera: Camera) -> FaceContact | None:

@@ -47,8 +47,7 @@ def estimate_image_latency(recordings: Sequence[TaskRecording], camera: Camera =
     """From the slow pushes and shoves of recordings of one set-up, and from oscillating pushes."""
     pushes: list[PushedObject] = []
     for recording in recordings:
-        names = [name for family in ("push", "shove") for name in recording.named(family)]
-        pushes += [one for name in names if (one := _track_push(recording, name, camera))]
+        pushes += [one for name in recording.pushes() if (one := _track_push(recording, name, camera))]
         pushes += find_oscillating_pushes(recording, camera)
     return latency_from_pushes(tuple(pushes))
 

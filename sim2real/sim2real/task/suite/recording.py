@@ -35,6 +35,10 @@ class TaskRecording:
         """Names of the experiments of a family that were made, in order."""
         return [name for name in self.spans if name == family or name.rsplit("_", 1)[0] == family]
 
+    def pushes(self) -> list[str]:
+        """Names of the pushes, then of the shoves, that were made."""
+        return self.named("push") + self.named("shove")
+
     def rows(self, name: str) -> slice:
         """Rows of the log in an experiment."""
         begin, end = self.spans[name]
