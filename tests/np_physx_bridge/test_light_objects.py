@@ -40,7 +40,7 @@ def resistance(mass: float, load: float, steps: int, speed: float = 0.003, secon
         (place, *_), (going, lifting, *_) = articulation.get_qpos(), articulation.get_qvel()
         forces.append(1e5 * (speed * gone - place) + 900 * (speed * (gone > 0) - going))
         press = load * min(step * period / steps / 0.1, 1) + 20 * lifting
-        articulation.set_qf(np.array([forces[-1], -press, 0, 0], dtype=np.float32))
+        articulation.set_qf(np.array([forces[-1], -press, *np.zeros(articulation.dof - 2)], dtype=np.float32))
         world.step()
     return float(np.mean(forces[-len(forces) // 3 :]))
 

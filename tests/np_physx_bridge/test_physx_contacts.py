@@ -79,10 +79,10 @@ def test_a_box_drawn_along_a_wall_tips_where_theory_says(answer):
 
 
 def test_a_leaned_hand_that_draws_a_box_along_a_wall_stays_on_it(answer, monkeypatch):
-    """Its contact comes and goes, in half of the steps, where the solver makes more passes than single precision bears."""
-    assert answer["without_touch"]["both"] < 0.1
-    monkeypatch.setattr("np_physx_bridge.scene.POSITION_ITERATIONS", 72)
-    assert hand_bench.draw_along_wall(PhysxEngine, "both") > 0.3
+    """Where its pads give way along the finger alone, friction presses and lifts them, and the hand hops."""
+    assert answer["without_touch"] == dict.fromkeys(hand_bench.DIRECTIONS, 0.0) and answer["without_touch_rough"] == 0.0
+    monkeypatch.setattr("np_physx_bridge.scene.SHEAR", 1e3)
+    assert hand_bench.draw_along_wall(PhysxEngine, "both", 0.6) > 0.3
 
 
 def test_a_fingertip_that_slides_over_an_edge_is_seen():
@@ -260,7 +260,8 @@ def test_pads_that_turn_on_a_card_slip_before_it_turns_on_its_corners(lean):
         (_, turned, *_), (lifting, turning, *_) = articulation.get_qpos(), articulation.get_qvel()
         wanted = np.radians(60) * np.clip((step - 100) / 500, 0, 1)
         press = 5 * min(step / 50, 1) + 30 * lifting
-        articulation.set_qf(np.array([-press, 40 * (wanted - turned) - turning, 0, 0], dtype=np.float32))
+        torque = 40 * (wanted - turned) - turning
+        articulation.set_qf(np.array([-press, torque, *np.zeros(articulation.dof - 2)], dtype=np.float32))
         world.step()
     assert turned > np.radians(55)
     assert 2 * abs(np.arcsin(card.pose.q[3])) < np.radians(3)

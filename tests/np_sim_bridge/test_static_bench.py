@@ -86,6 +86,13 @@ def test_a_leaned_hand_that_draws_a_box_along_a_wall_stays_on_it():
     assert hand_bench.draw_along_wall(ENGINE, "both") == 0.0
 
 
+@pytest.mark.parametrize("name, least, most", [("rubber", 0.1, 1.0), ("hard", 0.0, 0.0)])
+def test_it_hops_where_its_rubber_does_not_damp(name, least, most):
+    """With a tenth of the damping friction shakes the hand, as chalk on a board; what else touches needs none."""
+    weak = replace(HARD, **{name: replace(getattr(HARD, name), damping_ratio=0.1)})
+    assert least <= hand_bench.draw_along_wall(partial(MujocoEngine, contact=weak, substeps=8), "both", bench.ROUGH) <= most
+
+
 @pytest.mark.slow
 def test_the_summary_answers_each_question_of_theory():
     found = bench.figures(bench.bench(MAKE, ENGINE, HARD.table))

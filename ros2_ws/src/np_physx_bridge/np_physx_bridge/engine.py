@@ -25,7 +25,7 @@ from np_physx_bridge.library import sapien
 from np_physx_bridge.scene import STICTION, Translator, count_substeps, scene
 from np_sim_bridge.schedule import PERIOD, SECOND
 
-VERSION = "2"
+VERSION = "3"
 """Of this engine's behaviour, which is frozen: it stands in every row of an evaluation. A change of the behaviour takes a bench
 against theory that fails before, never a task, and a new number (`tests/np_physx_bridge/test_frozen.py`)."""
 

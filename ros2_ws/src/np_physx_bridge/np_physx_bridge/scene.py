@@ -32,8 +32,14 @@ PARTS_CONTACT_OFFSET = 1e-2
 # finger of 1.1 kg is pressed through a card of 8 g from 12 N on, with 1 it is .05 mm deep at 60 N.
 SURFACING = 1.0
 PAD_MASS, PAD_STROKE = 5e-3, 3e-3  # kg, of 5.6 cm^3 of rubber less than of a whole finger; m, to either side
-# With fewer, a box that is pulled at .9 of its friction creeps. With 72, single precision ends the contact of a leaned hand that draws a box along
-# a wall in half of the steps (`np_sim_bridge.hand_bench`); with 100, a card turns by 20 degrees under a tip that is drawn across it.
+# Stiffness across the finger, of that along it. Rubber's shear modulus is a third of Young's, and its backing adds to it. With a third a pad that leans
+# by 10 degrees and turns lets a card turn by 6; with 1, and rigid above all, a leaned hand hops (`np_sim_bridge.hand_bench`).
+SHEAR = 0.5
+# Of the hand, by the suffix of the joint's name; and shares of the mass. A link of 1.7 g that presses is 9 mm deep at 40 N, for one pass of the
+# solver hands little through it: so the first link moves along the finger with all the mass, and most of it is in the last one, which touches.
+PAD_DIRECTIONS = {"_along": (0.0, 0.0, 1.0), "_across": (1.0, 0.0, 0.0), "": (0.0, 1.0, 0.0)}
+PAD_SHARES = 0.1, 0.1, 0.8
+# With fewer, a box that is pulled at .9 of its friction creeps; with 100, a card turns by 20 degrees under a tip that is drawn across it.
 POSITION_ITERATIONS, VELOCITY_ITERATIONS = 40, 1
 # Of several bodies: with 40 a soft card of 1 g held fast under a tip that drew it 29 mm in MuJoCo, and leapt by 5 to 8 mm when it was let go.
 PARTS_ITERATIONS = 120
@@ -127,7 +133,7 @@ class Translator:
                 if is_free:
                     self._spring(link.joint, name)
             links[body] = link
-            for part in (link, *(self._pad(link, geom) for geom in pads)):
+            for part in (link, *(part for geom in pads for part in self._pad(link, geom))):
                 part.set_disable_gravity(not is_free)
                 part.set_linear_damping(0.0)
                 part.set_angular_damping(0.0)
@@ -191,29 +197,38 @@ class Translator:
         model, box = self._model, mujoco.mjtGeom.mjGEOM_BOX
         return [g for g in self._geoms(body) if model.geom(g).name.endswith(f"_{TIP}") and model.geom_type[g] == box]
 
-    def _pad(self, finger, geom: int):
-        """A flat fingertip on its finger: it gives way along it, with spring and damper of rubber.
+    def _pad(self, finger, geom: int) -> list:
+        """A flat fingertip on its finger: three links, as it gives way in three directions, with springs and dampers of rubber. The last one touches.
 
         PhysX's solver goes from contact to contact. On a card of 8 g between a table and an arm of 10 kg it does not converge: a hand that
-        came down at .13 m/s sank 1.7 mm into it. It flew up again with .87 of its speed, and hardly touched the card. With a tip as light as the card, and rubber's damper, it is .56, in MuJoCo .49 (`tests/np_physx_bridge/test_physx_contacts.py`)."""
+        came down at .13 m/s sank 1.7 mm into it. It flew up again with .87 of its speed, and hardly touched the card. With a tip as light as
+        the card, and rubber's damper, it is .56, in MuJoCo .49 (`tests/np_physx_bridge/test_physx_contacts.py`). A pad that gives way only along
+        a leaned finger couples friction with pressing: a hand that draws a box then hops (`np_sim_bridge.hand_bench`).
+        """
         model, rubber = self._model, self._contact.rubber
         place = self._sapien.Pose(model.geom_pos[geom], model.geom_quat[geom])
-        pad = self._physx.PhysxArticulationLinkComponent(finger)
-        self._attach(pad, [geom])
-        pad.set_mass(PAD_MASS)
-        pad.set_cmass_local_pose(place)
         x, y, z = model.geom_size[geom]
-        pad.set_inertia(PAD_MASS / 3 * np.array([y * y + z * z, x * x + z * z, x * x + y * y]))
-        joint, axis = pad.joint, place * self._sapien.Pose([0, 0, 0], rotation_from_x(np.array([0.0, 0, 1])))
-        joint.type = "prismatic"
-        joint.pose_in_parent, joint.pose_in_child = axis, axis
-        joint.set_limits([[-PAD_STROKE, PAD_STROKE]])
-        joint.set_friction(0.0)
-        joint.set_drive_properties(RUBBER_STIFFNESS, 2 * rubber.damping_ratio * rubber.time_constant * RUBBER_STIFFNESS)
-        joint.set_drive_target(0.0)
-        joint.set_drive_velocity_target(0.0)
-        joint.name = model.geom(geom).name
-        return pad
+        damping_time = 2 * rubber.damping_ratio * rubber.time_constant
+        links = [finger]
+        for (suffix, direction), share in zip(PAD_DIRECTIONS.items(), PAD_SHARES, strict=True):
+            mass = share * PAD_MASS
+            link = self._physx.PhysxArticulationLinkComponent(links[-1])
+            link.set_mass(mass)
+            link.set_cmass_local_pose(place)
+            link.set_inertia(mass / 3 * np.array([y * y + z * z, x * x + z * z, x * x + y * y]))
+            stiffness = RUBBER_STIFFNESS * (1.0 if suffix == "_along" else SHEAR)
+            joint, axis = link.joint, place * self._sapien.Pose([0, 0, 0], rotation_from_x(np.array(direction)))
+            joint.type = "prismatic"
+            joint.pose_in_parent, joint.pose_in_child = axis, axis
+            joint.set_limits([[-PAD_STROKE, PAD_STROKE]])
+            joint.set_friction(0.0)
+            joint.set_drive_properties(stiffness, damping_time * stiffness)
+            joint.set_drive_target(0.0)
+            joint.set_drive_velocity_target(0.0)
+            joint.name = model.geom(geom).name + suffix
+            links.append(link)
+        self._attach(links[-1], [geom])
+        return links[1:]
 
     def _geoms(self, body: int) -> range:
         first = self._model.body_geomadr[body]

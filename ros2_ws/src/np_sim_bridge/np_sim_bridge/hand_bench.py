@@ -39,7 +39,7 @@ def draw_along_wall(make: MakeEngine, direction: str, friction: float | None = N
     """The box stands at the wall. The hand presses it there for 1 s, then is drawn along the wall too.
 
     The hand is led along y and z of the base by a spring and pushes along x with PRESS N. Rubber holds what the wall's friction and the
-    weight pull at, so the hand never leaves the box in rigid theory. direction: a key of DIRECTIONS; friction: coefficient of wall and
+    weight pull at, and damps what friction shakes, so the hand never leaves the box. direction: a key of DIRECTIONS; friction: coefficient of wall and
     table, None: as `make` has it. Gives the share of steps without touch while it is drawn.
     """
     domain = WALL if friction is None else _roughen(friction)
