@@ -163,7 +163,7 @@ def test_practice_of_a_student_sinks_no_obstacle():
         "roll2",
         "roll3",
         "turn2",
-        "mend",
+        "correct",
         "again",
     }
     assert shares_with(CARD, 0.4) == (1.0,)  # which has no practice

@@ -25,7 +25,7 @@ def report_violation(violation: Exception) -> int:
 def report_fault(fault: WiringFault, recording: Path, out: Path | None) -> int:
     """Print a wrong convention of a recording, as a sentence and as the last JSON object, and write it to wiring.json in a folder; the exit status."""
     found = {"verdict": "wiring", "recording": str(recording), **asdict(fault)}
-    print(f"{recording}: {fault.sentence} {fault.mend} Nothing else is diagnosed from this recording.")
+    print(f"{recording}: {fault.sentence} {fault.remedy} Nothing else is diagnosed from this recording.")
     print(json.dumps(found))
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)

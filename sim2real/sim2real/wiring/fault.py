@@ -15,7 +15,7 @@ class WiringFault:
     """Topic, and the part of its messages, that breaks it."""
     sentence: str
     """What is wrong, in one sentence."""
-    mend: str
+    remedy: str
     """What to change, in one sentence."""
     joints: tuple[str, ...] = ()
     """Joints that it concerns; empty for all, or none."""

@@ -103,7 +103,7 @@ def find_joint_fault(
     # A current is no torque, from which a weight could be taken.
     for one in (*candidates(len(names)), *([] if is_current else [other_weight])):
         if one.stream != "everything" and total[list(one.joints)].sum() < WIRING.gain:
-            continue  # nothing that it could mend
+            continue  # nothing that it could correct
         if signals.command is None and set(STREAMS.get(one.stream, COMMANDED)) <= set(COMMANDED):
             continue
         after = relations.contradictions(one.undo(signals))
@@ -121,20 +121,20 @@ def _describe(one: WrongConvention, names: Sequence[str], without_gravity: bool)
     stream = f"{part} of {topic}" if part else topic
     if one.kind == "swap":
         text = f"The {stream} has {joints[0]} and {joints[1]} exchanged"
-        mend = f"Exchange columns {one.joints[0] + 1} and {one.joints[1] + 1} of the {stream}, or sort by name"
+        remedy = f"Exchange columns {one.joints[0] + 1} and {one.joints[1] + 1} of the {stream}, or sort by name"
     elif one.kind == "sign":
         text = f"The {stream} has the sign of {joints[0]} reversed"
-        mend = f"Negate column {one.joints[0] + 1} of the {stream}"
+        remedy = f"Negate column {one.joints[0] + 1} of the {stream}"
     elif one.kind == "degrees":
-        text, mend, joints = f"The {stream} is in degrees", f"Multiply the {stream} by pi / 180", ()
+        text, remedy, joints = f"The {stream} is in degrees", f"Multiply the {stream} by pi / 180", ()
     elif one.kind == "gravity":
         has, change = ("contains", "Subtract it") if without_gravity else ("lacks", "Add it")
-        text, mend, joints = (
+        text, remedy, joints = (
             f"The {stream} {has} the torque that holds the arm's weight",
             f"{change} at each position",
             (),
         )
     else:
         text = f"The recorded stiffness is {one.factor:.3g} times what the controller uses"
-        mend, joints = f"Divide stiffness in target_gains by {one.factor:.3g}, or give it to the controller", ()
-    return WiringFault(one.kind, topic, f"{text}.", f"{mend}.", joints)
+        remedy, joints = f"Divide stiffness in target_gains by {one.factor:.3g}, or give it to the controller", ()
+    return WiringFault(one.kind, topic, f"{text}.", f"{remedy}.", joints)

@@ -12,7 +12,7 @@ from math import pi
 
 from np_description.domains import BUMP as DOMAIN
 from np_training.tasks.config import TaskConfig
-from np_training.tasks.kinds import OWN, Kind, mends, moves, rolls, slides, turns
+from np_training.tasks.kinds import OWN, Kind, corrects, moves, rolls, slides, turns
 
 YAWS = (0.35, pi / 2, pi)  # rad: grades of how far a cube is turned about the vertical at most
 FLAT = (0.75, 1.0)  # share of the obstacles' height that is sunk where they are hardly felt
@@ -37,7 +37,7 @@ BUMP = TaskConfig(
         *(kind for grade, yaw in enumerate(YAWS, 1) for kind in _graded(grade, yaw)),
         Kind("turn1", turns, FLAT),
         Kind("turn2", turns),
-        Kind("mend", mends, apart=False),
+        Kind("correct", corrects, apart=False),
         Kind("again", moves),
     ),
 )

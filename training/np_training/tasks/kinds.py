@@ -63,7 +63,7 @@ def moves(domain: Task, count: int, generator: torch.Generator) -> tuple[Poses, 
     return tuple(from_any(domain, domain.goals, count, generator) for _ in range(2))
 
 
-def mends(domain: Task, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
+def corrects(domain: Task, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
     """To the domain's own goals, from the places about them: the right face is up already, what is left is a turn about the vertical and some way."""
     goals = from_any(domain, domain.goals, count, generator)
     turn = uniform(count, (-1.0, 1.0), generator)
