@@ -33,7 +33,7 @@ PARTS_CONTACT_OFFSET = 1e-2
 SURFACING = 1.0
 PAD_MASS, PAD_STROKE = 5e-3, 3e-3  # kg, of 5.6 cm^3 of rubber less than of a whole finger; m, to either side
 # Stiffness across the finger, of that along it. Rubber's shear modulus is a third of Young's, and its backing adds to it. With a third a pad that leans
-# by 10 degrees and turns lets a card turn by 6; with 1, and rigid above all, a leaned hand hops (`np_sim_bridge.hand_bench`).
+# by 10 degrees and turns lets a card turn by 6; where it is rigid, a leaned hand hops (`np_sim_bridge.hand_bench`).
 SHEAR = 0.5
 # Of the hand, by the suffix of the joint's name; and shares of the mass. A link of 1.7 g that presses is 9 mm deep at 40 N, for one pass of the
 # solver hands little through it: so the first link moves along the finger with all the mass, and most of it is in the last one, which touches.
