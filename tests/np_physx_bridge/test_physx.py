@@ -67,7 +67,10 @@ def test_a_link_stands_where_it_stands_in_mujoco():
         np.testing.assert_allclose(link.entity.pose.p, other.engine.data.xpos[body], atol=1e-6)
 
 
-@pytest.mark.parametrize("joint, force", [("panda_finger1_tip_along", 10.0), ("panda_finger1_tip_across", -10.0), ("panda_finger1_tip", 10.0)])
+@pytest.mark.parametrize(
+    "joint, force",
+    [("panda_finger1_tip_along", 10.0), ("panda_finger1_tip_across", -10.0), ("panda_finger1_tip", 10.0)],
+)
 def test_a_pad_gives_way_in_three_directions_by_rubbers_stiffness(joint, force):
     """Pushed for ten of its time constants of 12 ms; 8 % less far, for the engine adds an outer force before its passes."""
     engine = PhysxEngine(WALL)

@@ -90,7 +90,11 @@ def test_a_leaned_hand_that_draws_a_box_along_a_wall_stays_on_it():
 def test_it_hops_where_its_rubber_does_not_damp(name, least, most):
     """With a tenth of the damping friction shakes the hand, as chalk on a board; what else touches needs none."""
     weak = replace(HARD, **{name: replace(getattr(HARD, name), damping_ratio=0.1)})
-    assert least <= hand_bench.draw_along_wall(partial(MujocoEngine, contact=weak, substeps=8), "both", bench.ROUGH) <= most
+    assert (
+        least
+        <= hand_bench.draw_along_wall(partial(MujocoEngine, contact=weak, substeps=8), "both", bench.ROUGH)
+        <= most
+    )
 
 
 @pytest.mark.slow
