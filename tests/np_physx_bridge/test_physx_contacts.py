@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from np_common.rotations import matrix_from_quaternion, yaw_quaternion
 from np_control.kinematics import forward_kinematics, solve_ik
@@ -83,6 +84,18 @@ def test_a_leaned_hand_that_draws_a_box_along_a_wall_stays_on_it(answer, monkeyp
     assert answer["without_touch"] == dict.fromkeys(hand_bench.DIRECTIONS, 0.0) and answer["without_touch_rough"] == 0.0
     monkeypatch.setattr("np_physx_bridge.scene.SHEAR", 1e3)
     assert hand_bench.draw_along_wall(PhysxEngine, "both", 0.6) > 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("press", [10.0, 20.0, 40.0])
+@pytest.mark.parametrize("lean", [(0, 0, 0), (8, -6, 5), (-8, 7, -5)])
+def test_it_stays_on_it_for_other_forces_leans_and_frictions(press, lean, monkeypatch):
+    turned = Rotation.from_euler("xyz", lean, degrees=True).as_matrix()
+    monkeypatch.setattr(hand_bench, "PRESS", press)
+    monkeypatch.setattr(hand_bench, "LEANED", turned @ hand_bench.LEANED)
+    for direction in hand_bench.DIRECTIONS:
+        for friction in (0.4, 0.5, 0.6):
+            assert hand_bench.draw_along_wall(PhysxEngine, direction, friction) == 0.0, (direction, friction)
 
 
 def test_a_fingertip_that_slides_over_an_edge_is_seen():
