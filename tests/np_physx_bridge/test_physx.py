@@ -11,10 +11,10 @@ from np_description.contact.model import HARD, RUBBER_STIFFNESS
 from np_description.domains import BUMP, CARD, DOMAINS, WALL
 from np_description.mujoco_engine import MujocoEngine
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
-from np_description.scene import OBJECT, load_model
+from np_description.scene import OBJECT, TIP, load_model
 from np_physx_bridge.engine import PhysxEngine
 from np_physx_bridge.library import missing, sapien
-from np_physx_bridge.scene import PAD_DIRECTIONS, PAD_MASS, PAD_SHARES, SHEAR, Translator, coefficient
+from np_physx_bridge.scene import ALONG, PAD_JOINTS, PAD_MASS, SHEAR, Translator, coefficient
 from np_physx_bridge.shapes import CORE, RECESS, RODS
 from np_sim_bridge.schedule import PERIOD
 from np_sim_bridge.simulation import Simulation
@@ -34,8 +34,7 @@ def swing(engine, panda=NOMINAL, substeps=1):
 
 def links_of_the_scene(engine):
     """The arm's links but for those of the pads, which are no bodies of the scene."""
-    pads = {np.float32(share * PAD_MASS) for share in PAD_SHARES}
-    return [link for link in engine.articulation.get_links() if link.mass not in pads]
+    return [link for link in engine.articulation.get_links() if f"_{TIP}" not in link.joint.name]
 
 
 def test_masses_frames_and_inertia_are_those_of_the_scene():
@@ -43,7 +42,7 @@ def test_masses_frames_and_inertia_are_those_of_the_scene():
     engine.reset(Simulation(BUMP).task.start)
     model, links = engine.model, links_of_the_scene(engine)
     # Base, seven links, hand, two fingers; three links for each of two pads.
-    assert len(links) == 11 == len(engine.articulation.get_links()) - 2 * len(PAD_DIRECTIONS)
+    assert len(links) == 11 == len(engine.articulation.get_links()) - 2 * len(PAD_JOINTS)
     first = model.body(BASE_FRAME).id
     for body, link in enumerate(links, start=first):
         name = model.body(body).name
@@ -82,7 +81,7 @@ def test_a_pad_gives_way_in_three_directions_by_rubbers_stiffness(joint, force):
         pushed[number] = force
         engine.articulation.set_qf(pushed)
         engine._system.step()
-    stiffness = RUBBER_STIFFNESS * (1.0 if joint.endswith("_along") else SHEAR)
+    stiffness = RUBBER_STIFFNESS * (1.0 if joint.endswith(ALONG) else SHEAR)
     assert engine.articulation.get_qpos()[number] == pytest.approx(force / stiffness, rel=0.1)
 
 

@@ -8,9 +8,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from np_common.rotations import matrix_from_quaternion, yaw_quaternion
+from np_common.rotations import matrix_from_quaternion, matrix_from_vector, yaw_quaternion
 from np_control.kinematics import forward_kinematics, solve_ik
 from np_description.contact.model import HARD, SOFT
 from np_description.domains import BUMP, CARD, Pose
@@ -90,9 +89,8 @@ def test_a_leaned_hand_that_draws_a_box_along_a_wall_stays_on_it(answer, monkeyp
 @pytest.mark.parametrize("press", [10.0, 20.0, 40.0])
 @pytest.mark.parametrize("lean", [(0, 0, 0), (8, -6, 5), (-8, 7, -5)])
 def test_it_stays_on_it_for_other_forces_leans_and_frictions(press, lean, monkeypatch):
-    turned = Rotation.from_euler("xyz", lean, degrees=True).as_matrix()
     monkeypatch.setattr(hand_bench, "PRESS", press)
-    monkeypatch.setattr(hand_bench, "LEANED", turned @ hand_bench.LEANED)
+    monkeypatch.setattr(hand_bench, "LEANED", matrix_from_vector(np.radians(lean)) @ hand_bench.LEANED)
     for direction in hand_bench.DIRECTIONS:
         for friction in (0.4, 0.5, 0.6):
             assert hand_bench.draw_along_wall(PhysxEngine, direction, friction) == 0.0, (direction, friction)

@@ -82,7 +82,7 @@ def test_practice_on_the_bump_turns_little_and_its_own_tasks_turn_much():
             assert tips[int(kind.name.startswith("roll"))] == 1
 
 
-def test_what_is_to_be_mended_lies_beside_its_goal_turned_about_the_vertical():
+def test_what_is_to_be_corrected_lies_beside_its_goal_turned_about_the_vertical():
     starts, goals = kinds.corrects(BUMP, 2000, torch.Generator().manual_seed(7))
     angle = rotation_angle(starts.quaternion, goals.quaternion)
     assert kinds.LEFT - 1e-3 < angle.min() and angle.max() > 0.95 * torch.pi

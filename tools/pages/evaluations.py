@@ -26,8 +26,7 @@ policies; these policies were trained and chosen without it, and their seeds the
 calibration error or change of light: images are rendered at the tick that they are stamped with, by the renderer family of the training images."""
 STRANGER = """The figures of PhysX are of version 3 of the engine ([contacts](static_bench.md)). MuJoCo alone chooses a release: these policies were
 released before that version, and no graph had played them in it. Its fingertips give way across the finger as well as along it. The wall depends on
-that: in version 2, without it, a leaned hand hopped on the box, and 105 of 120 episodes succeeded (other seeds). So a real fingertip has to be of
-rubber that gives way and damps. MuJoCo's own figures do not hang on its step: with 0.5 ms in place of 2 ms 20 of 20 episodes of the wall and of the
+that: without it a leaned hand hops on the box. So a real fingertip has to be of rubber that gives way and damps. MuJoCo's own figures do not hang on its step: with 0.5 ms in place of 2 ms 20 of 20 episodes of the wall and of the
 bump succeed (`finer_steps` in the data of true corners), with raw peaks of at most 21 and 41 N."""
 
 

@@ -44,7 +44,7 @@ def figures(rows: Sequence[Mapping]) -> dict:
         "out of catalogue: unexplained": [r["unexplained"] for r in kinds[OUT]],
         "out of catalogue: named something": [bool(r["named"]) and not r["unexplained"] for r in kinds[OUT]],
         "95 % intervals that hold": [one["holds"] for _, _, one in intervals],
-        **_met(intervals),
+        **_check_errors(intervals),
         "patch does harm to held-out motion": [1 - m["patch"] / m["believed"] < HARM for m in moved],
         "patch surely does harm to it": [m["removed"][2] < 0 for m in moved],
         "the true effects do harm to it": [1 - m["truth"] / m["believed"] < HARM for m in moved],
@@ -65,7 +65,7 @@ def rates(asked: Mapping[str, Sequence[bool]]) -> dict[str, dict]:
     }
 
 
-def _met(intervals: Sequence[tuple[Mapping, str, Mapping]]) -> dict[str, list[bool]]:
+def _check_errors(intervals: Sequence[tuple[Mapping, str, Mapping]]) -> dict[str, list[bool]]:
     """By number, whether each is within `EXACT` of the truth."""
     found: dict[str, list[bool]] = {}
     for _, name, one in intervals:

@@ -35,10 +35,10 @@ PAD_MASS, PAD_STROKE = 5e-3, 3e-3  # kg, of 5.6 cm^3 of rubber less than of a wh
 # Stiffness across the finger, of that along it. Rubber's shear modulus is a third of Young's, and its backing adds to it. With a third a pad that leans
 # by 10 degrees and turns lets a card turn by 6; where it is rigid, a leaned hand hops (`np_sim_bridge.hand_bench`).
 SHEAR = 0.5
-# Of the hand, by the suffix of the joint's name; and shares of the mass. A link of 1.7 g that presses is 9 mm deep at 40 N, for one pass of the
-# solver hands little through it: so the first link moves along the finger with all the mass, and most of it is in the last one, which touches.
-PAD_DIRECTIONS = {"_along": (0.0, 0.0, 1.0), "_across": (1.0, 0.0, 0.0), "": (0.0, 1.0, 0.0)}
-PAD_SHARES = 0.1, 0.1, 0.8
+# Of a pad's joints: suffix of the name, direction in the hand, share of the pad's mass. A link of 1.7 g that presses is 9 mm deep at 40 N, for one
+# pass of the solver hands little through it: so the first link moves along the finger with all the mass, and most of it is in the last, which touches.
+ALONG = "_along"
+PAD_JOINTS = ((ALONG, (0.0, 0.0, 1.0), 0.1), ("_across", (1.0, 0.0, 0.0), 0.1), ("", (0.0, 1.0, 0.0), 0.8))
 # With fewer, a box that is pulled at .9 of its friction creeps; with 100, a card turns by 20 degrees under a tip that is drawn across it.
 POSITION_ITERATIONS, VELOCITY_ITERATIONS = 40, 1
 # Of several bodies: with 40 a soft card of 1 g held fast under a tip that drew it 29 mm in MuJoCo, and leapt by 5 to 8 mm when it was let go.
@@ -209,14 +209,14 @@ class Translator:
         place = self._sapien.Pose(model.geom_pos[geom], model.geom_quat[geom])
         x, y, z = model.geom_size[geom]
         damping_time = 2 * rubber.damping_ratio * rubber.time_constant
-        links = [finger]
-        for (suffix, direction), share in zip(PAD_DIRECTIONS.items(), PAD_SHARES, strict=True):
+        links, link = [], finger
+        for suffix, direction, share in PAD_JOINTS:
             mass = share * PAD_MASS
-            link = self._physx.PhysxArticulationLinkComponent(links[-1])
+            link = self._physx.PhysxArticulationLinkComponent(link)
             link.set_mass(mass)
             link.set_cmass_local_pose(place)
             link.set_inertia(mass / 3 * np.array([y * y + z * z, x * x + z * z, x * x + y * y]))
-            stiffness = RUBBER_STIFFNESS * (1.0 if suffix == "_along" else SHEAR)
+            stiffness = RUBBER_STIFFNESS * (1.0 if suffix == ALONG else SHEAR)
             joint, axis = link.joint, place * self._sapien.Pose([0, 0, 0], rotation_from_x(np.array(direction)))
             joint.type = "prismatic"
             joint.pose_in_parent, joint.pose_in_child = axis, axis
@@ -227,8 +227,8 @@ class Translator:
             joint.set_drive_velocity_target(0.0)
             joint.name = model.geom(geom).name + suffix
             links.append(link)
-        self._attach(links[-1], [geom])
-        return links[1:]
+        self._attach(link, [geom])
+        return links
 
     def _geoms(self, body: int) -> range:
         first = self._model.body_geomadr[body]
